@@ -1,0 +1,55 @@
+#include "core/cloud.hpp"
+
+#include <limits>
+
+#include "core/error.hpp"
+
+namespace mtled {
+namespace {
+
+constexpr double lattice_tolerance = 1e-4;  ///< of the spacing: rounding of coordinates in a text file
+
+/// Numbers the lattice positions from the lowest node on, so that the table covers just the nodes.
+void index_nodes(Cloud& cloud) {
+  Lattice& lattice = *cloud.lattice;
+  require(lattice.spacing > 0, "lattice spacing is ", lattice.spacing, " mm; it must be positive");
+  std::array<int, 3> low{std::numeric_limits<int>::max(), std::numeric_limits<int>::max(), std::numeric_limits<int>::max()};
+  std::array<int, 3> high{std::numeric_limits<int>::min(), std::numeric_limits<int>::min(), std::numeric_limits<int>::min()};
+  cloud.lattice_ijk.resize(cloud.size());
+  for (std::size_t n = 0; n < cloud.size(); ++n) {
+    const Vec3d c = (1 / lattice.spacing) * (cloud.nodes[n] - lattice.origin);
+    for (int a = 0; a < 3; ++a) {
+      require(std::abs(c[a]) < 1e6, "node ", n, " is ", std::abs(c[a]), " spacings from the lattice origin");
+      const double nearest = std::round(c[a]);
+      require(std::abs(c[a] - nearest) < lattice_tolerance, "node ", n, " at ", cloud.nodes[n][a],
+              " mm is not on the promised lattice (it is ", std::abs(c[a] - nearest) * lattice.spacing,
+              " mm off); correct origin and spacing, or leave `lattice` out");
+      cloud.lattice_ijk[n][a] = int(nearest);
+      low[a] = std::min(low[a], int(nearest)), high[a] = std::max(high[a], int(nearest));
+    }
+  }
+  lattice.origin += lattice.spacing * Vec3d{double(low[0]), double(low[1]), double(low[2])};
+  std::size_t count = 1;
+  for (int a = 0; a < 3; ++a) lattice.size[a] = high[a] - low[a] + 1, count *= std::size_t(lattice.size[a]);
+  require(count < 1000 * cloud.size() + 1000000, "the nodes fill only one in ", count / cloud.size(),
+          " lattice positions; is the lattice spacing of ", lattice.spacing, " mm right?");
+  lattice.node_at.assign(count, -1);
+  for (std::size_t n = 0; n < cloud.size(); ++n) {
+    for (int a = 0; a < 3; ++a) cloud.lattice_ijk[n][a] -= low[a];
+    const auto& ijk = cloud.lattice_ijk[n];
+    int& slot = lattice.node_at[lattice.offset(ijk[0], ijk[1], ijk[2])];
+    require(slot < 0, "nodes ", slot, " and ", n, " are at the same place; remove one");
+    slot = int(n);
+  }
+}
+
+}  // namespace
+
+Cloud make_cloud(std::vector<Vec3d> nodes, std::optional<Lattice> promise) {
+  require(!nodes.empty(), "there are no nodes");
+  Cloud cloud{std::move(nodes), std::move(promise), {}};
+  if (cloud.lattice) index_nodes(cloud);
+  return cloud;
+}
+
+}  // namespace mtled

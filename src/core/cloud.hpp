@@ -1,0 +1,59 @@
+#pragma once
+#include <array>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/moving_least_squares.hpp"
+#include "core/tensor.hpp"
+
+namespace mtled {
+
+/// A regular grid of possible node positions: origin + spacing * (i, j, k), axes along LPS.
+struct Lattice {
+  Vec3d origin{};                    ///< [mm]
+  double spacing = 0;                ///< [mm]
+  std::array<int, 3> size{};         ///< positions along i, j, k
+  std::vector<int> node_at;          ///< [size] node number at each position (i fastest), -1 where there is none
+
+  std::size_t offset(int i, int j, int k) const {
+    return std::size_t(i) + std::size_t(size[0]) * (std::size_t(j) + std::size_t(size[1]) * std::size_t(k));
+  }
+  bool contains(int i, int j, int k) const {
+    return i >= 0 && j >= 0 && k >= 0 && i < size[0] && j < size[1] && k < size[2];
+  }
+  int node(int i, int j, int k) const { return contains(i, j, k) ? node_at[offset(i, j, k)] : -1; }
+};
+
+/// The nodes that carry the displacement.
+struct Cloud {
+  std::vector<Vec3d> nodes;                    ///< [num_nodes] rest positions [mm]
+  std::optional<Lattice> lattice;              ///< present when every node is on it
+  std::vector<std::array<int, 3>> lattice_ijk; ///< [num_nodes] when on a lattice
+  std::size_t size() const { return nodes.size(); }
+};
+
+/// Where the stress is evaluated; each stands for a piece of the body.
+struct IntegrationPoints {
+  std::vector<Vec3d> position;        ///< [num_points] rest positions [mm]
+  std::vector<double> volume;         ///< [num_points] > 0 [mm^3]
+  std::vector<double> shear_modulus;  ///< [num_points] > 0 [kPa]
+  std::vector<double> bulk_modulus;   ///< [num_points] > 0 [kPa]
+  std::vector<double> density;        ///< [num_points] > 0 [kg/mm^3]
+  std::size_t size() const { return position.size(); }
+};
+
+/// Prescribed displacement of nodes.
+struct Constraints {
+  std::vector<int> node;                      ///< [n] each node once
+  std::vector<Vec3d> displacement;            ///< [n] [mm]; components that are not prescribed hold 0
+  std::vector<std::array<bool, 3>> fixed;     ///< [n] which components are prescribed
+  std::vector<int> set;                       ///< [n] index into set_names
+  std::vector<std::string> set_names;
+};
+
+/// Cloud of given nodes; `lattice_origin`, `lattice_spacing`: promise that every node is on that lattice (input error
+/// with the first row that breaks it, or when two nodes share a place).
+Cloud make_cloud(std::vector<Vec3d> nodes, std::optional<Lattice> promise);
+
+}  // namespace mtled

@@ -1,0 +1,38 @@
+#pragma once
+#include <array>
+#include <memory>
+#include <vector>
+
+#include "core/cloud.hpp"
+#include "core/nodal_field.hpp"
+#include "core/stencils.hpp"
+
+namespace mtled {
+
+/// Coarse correction of the two-level preconditioner: smooth displacements of the whole body, which relaxation alone
+/// removes slowly. The coarse functions Z are tensor products of quadratic B-splines of `spacing` (tens of mm), one set
+/// per displacement component, restricted to the free nodes; the correction is Z A^-1 Z^T f with A = Z^T K(u) Z.
+template <class Real>
+class CoarseSpace {
+ public:
+  /// `position`: [num_slots] rest positions [mm]; `active`: nodal field, 1 where a parameter is free to follow the coarse
+  /// functions, 0 where it is prescribed or there is no node. The spacing is chosen so that about `unknowns` functions
+  /// result, but is at least `smallest_spacing` [mm].
+  CoarseSpace(const std::vector<Vec3d>& position, const NodalField<Real>& active, int unknowns, double smallest_spacing);
+  ~CoarseSpace();
+
+  /// Assembles and inverts A at displacement u. The integration points' gradients of Z are those of the moving least
+  /// squares interpolation of Z, to first order.
+  void assemble(const SupportTable& supports, const IntegrationPoints& points, const NodalField<Real>& u);
+  /// g += Z A^-1 Z^T f
+  void add_correction(const NodalField<Real>& f, NodalField<Real>& g) const;
+  int unknowns() const;
+  double spacing() const;
+  std::size_t bytes() const;
+
+ private:
+  struct Grid;
+  std::unique_ptr<Grid> grid_;
+};
+
+}  // namespace mtled

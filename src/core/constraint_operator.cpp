@@ -1,0 +1,147 @@
+#include "core/constraint_operator.hpp"
+
+#include <Eigen/Sparse>
+#include <Eigen/SparseLU>
+
+#include "core/error.hpp"
+
+namespace mtled {
+namespace {
+
+constexpr double interpolation_tolerance = 1e-9;  ///< |phi_I(x_J) - delta_IJ| of a node that is interpolated
+
+}  // namespace
+
+/// The prescribed values of one displacement component.
+template <class Real>
+struct ConstraintOperator<Real>::Component {
+  std::vector<int> row;                 ///< [n] index into Constraints
+  std::vector<int> slot;                ///< [n]
+  std::vector<double> value;            ///< [n] [mm]
+  bool direct = true;
+  std::vector<int> begin, free_slot;    ///< Phi_BF by rows
+  std::vector<double> free_value;
+  Eigen::SparseLU<Eigen::SparseMatrix<double>> factor, factor_transposed;
+
+  Eigen::VectorXd multipliers(const Real* f) const {
+    Eigen::VectorXd fb(Eigen::Index(slot.size()));
+    for (std::size_t b = 0; b < slot.size(); ++b) fb[Eigen::Index(b)] = f[slot[b]];
+    return direct ? fb : Eigen::VectorXd(factor_transposed.solve(fb));
+  }
+};
+
+template <class Real>
+ConstraintOperator<Real>::ConstraintOperator(const ShapeEvaluator& evaluator, const SlotLayout& layout, const Constraints& constraints)
+    : constraints_(&constraints) {
+  const std::size_t n = constraints.node.size();
+  std::vector<ShapeFunctions> shapes(n);
+  for (std::size_t b = 0; b < n; ++b)
+    require(evaluator.at(evaluator.cloud().nodes[std::size_t(constraints.node[b])], shapes[b]), "node ", constraints.node[b],
+            " has a prescribed displacement but too few nodes around it for shape functions; add nodes or remove it");
+  for (int c = 0; c < 3; ++c) {
+    auto component = std::make_unique<Component>();
+    std::vector<int> number(std::size_t(layout.num_slots), -1);
+    for (std::size_t b = 0; b < n; ++b) {
+      if (!constraints.fixed[b][std::size_t(c)]) continue;
+      const int slot = layout.slot_of_node[std::size_t(constraints.node[b])];
+      number[std::size_t(slot)] = int(component->slot.size());
+      component->row.push_back(int(b)), component->slot.push_back(slot), component->value.push_back(constraints.displacement[b][c]);
+    }
+    std::vector<Eigen::Triplet<double>> bb;
+    component->begin.push_back(0);
+    for (std::size_t k = 0; k < component->row.size(); ++k) {
+      const ShapeFunctions& s = shapes[std::size_t(component->row[k])];
+      for (std::size_t i = 0; i < s.node.size(); ++i) {
+        const int slot = layout.slot_of_node[std::size_t(s.node[i])];
+        const double delta = slot == component->slot[k] ? 1 : 0;
+        component->direct = component->direct && std::abs(s.value[i] - delta) < interpolation_tolerance;
+        if (number[std::size_t(slot)] >= 0) {
+          bb.emplace_back(int(k), number[std::size_t(slot)], s.value[i]);
+        } else {
+          component->free_slot.push_back(slot), component->free_value.push_back(s.value[i]);
+        }
+      }
+      component->begin.push_back(int(component->free_slot.size()));
+    }
+    if (!component->direct) {
+      Eigen::SparseMatrix<double> phi(Eigen::Index(component->row.size()), Eigen::Index(component->row.size()));
+      phi.setFromTriplets(bb.begin(), bb.end());
+      component->factor.compute(phi);
+      const Eigen::SparseMatrix<double> transposed = phi.transpose();
+      component->factor_transposed.compute(transposed);
+      require(component->factor.info() == Eigen::Success && component->factor_transposed.info() == Eigen::Success,
+              "the prescribed nodes' shape functions cannot be inverted: some of these nodes are too close together; thin them out");
+    }
+    component_.push_back(std::move(component));
+  }
+}
+
+template <class Real>
+ConstraintOperator<Real>::~ConstraintOperator() = default;
+
+template <class Real>
+void ConstraintOperator<Real>::impose(NodalField<Real>& u, double load) const {
+  for (int c = 0; c < 3; ++c) {
+    const Component& k = *component_[std::size_t(c)];
+    Real* to = u.component(c);
+    if (k.direct) {
+      for (std::size_t b = 0; b < k.slot.size(); ++b) to[k.slot[b]] = Real(load * k.value[b]);
+      continue;
+    }
+    Eigen::VectorXd right(Eigen::Index(k.slot.size()));
+    for (std::size_t b = 0; b < k.slot.size(); ++b) {
+      double r = load * k.value[b];
+      for (int s = k.begin[b]; s < k.begin[b + 1]; ++s) r -= k.free_value[std::size_t(s)] * double(to[k.free_slot[std::size_t(s)]]);
+      right[Eigen::Index(b)] = r;
+    }
+    const Eigen::VectorXd ub = k.factor.solve(right);
+    for (std::size_t b = 0; b < k.slot.size(); ++b) to[k.slot[b]] = Real(ub[Eigen::Index(b)]);
+  }
+}
+
+template <class Real>
+void ConstraintOperator<Real>::reduce(NodalField<Real>& f) const {
+  for (int c = 0; c < 3; ++c) {
+    const Component& k = *component_[std::size_t(c)];
+    Real* to = f.component(c);
+    if (!k.direct) {
+      const Eigen::VectorXd lambda = k.multipliers(to);
+      for (std::size_t b = 0; b < k.slot.size(); ++b)
+        for (int s = k.begin[b]; s < k.begin[b + 1]; ++s)
+          to[k.free_slot[std::size_t(s)]] -= Real(k.free_value[std::size_t(s)] * lambda[Eigen::Index(b)]);
+    }
+    for (int slot : k.slot) to[slot] = 0;
+  }
+}
+
+template <class Real>
+std::vector<Vec3d> ConstraintOperator<Real>::reactions(const NodalField<Real>& internal) const {
+  std::vector<Vec3d> reaction(constraints_->node.size());
+  for (int c = 0; c < 3; ++c) {
+    const Component& k = *component_[std::size_t(c)];
+    if (k.slot.empty()) continue;
+    const Eigen::VectorXd lambda = k.multipliers(internal.component(c));
+    for (std::size_t b = 0; b < k.slot.size(); ++b) reaction[std::size_t(k.row[b])][c] = lambda[Eigen::Index(b)];
+  }
+  return reaction;
+}
+
+template <class Real>
+bool ConstraintOperator<Real>::direct() const {
+  return component_[0]->direct && component_[1]->direct && component_[2]->direct;
+}
+
+template <class Real>
+void ConstraintOperator<Real>::each_dependent(bool neighbours, const std::function<void(int, int)>& body) const {
+  for (int c = 0; c < 3; ++c) {
+    const Component& k = *component_[std::size_t(c)];
+    for (int slot : k.slot) body(slot, c);
+    if (neighbours && !k.direct)
+      for (int slot : k.free_slot) body(slot, c);
+  }
+}
+
+template class ConstraintOperator<float>;
+template class ConstraintOperator<double>;
+
+}  // namespace mtled

@@ -1,0 +1,57 @@
+#pragma once
+#include <cstddef>
+
+namespace mtled {
+
+/// Raw views for the CPU kernels. W = LaneTraits<Real>::width points make a pack.
+///  - aligned packs: W points of one stencil whose bases are consecutive slots (base, base + 1, ...); idle lanes have
+///    volume 0;
+///  - gathered packs: any W points; idle lanes have stencil -1 and volume 0.
+template <class Real>
+struct PackView {
+  const int* begin;         ///< [num_stencils + 1]
+  const int* offset;        ///< [entries]
+  const Real* gradient;     ///< [entries * 4] x, y, z, 0 [1/mm]
+  const int* aligned_stencil;   ///< [aligned packs]
+  const int* aligned_base;      ///< [aligned packs]
+  const Real* aligned_material; ///< [aligned packs * 3 * W] volume, shear modulus, bulk modulus
+  const int* gathered_stencil;  ///< [gathered packs * W]
+  const int* gathered_base;     ///< [gathered packs * W]
+  const Real* gathered_material;///< [gathered packs * 3 * W]
+};
+
+/// Packs that one thread works through in order.
+struct PackRange {
+  std::size_t aligned_begin, aligned_end, gathered_begin, gathered_end;
+};
+
+template <class Real>
+struct FieldView {
+  const Real* c[3];
+};
+template <class Real>
+struct MutableFieldView {
+  Real* c[3];
+};
+
+/// Smallest J and number of points with J <= 0 met by a kernel.
+struct VolumeRatioStatistics {
+  double smallest = 1e30;
+  long inverted = 0;
+};
+
+/// The kernels of one instruction set. Both add to `f`; a range writes only the slots its points support.
+template <class Real>
+struct KernelTable {
+  /// f += sum_points volume * P(F(u)) grad phi [mN]
+  VolumeRatioStatistics (*force)(const PackView<Real>&, const PackRange&, const FieldView<Real>& u, const MutableFieldView<Real>& f);
+  /// f += K(u) v: the derivative of the force at u in the direction v
+  void (*tangent)(const PackView<Real>&, const PackRange&, const FieldView<Real>& u, const FieldView<Real>& v, const MutableFieldView<Real>& f);
+};
+
+/// The fastest kernels that this processor runs, and their name ("x86-64-v4").
+template <class Real>
+const KernelTable<Real>& best_kernels();
+const char* best_kernels_name();
+
+}  // namespace mtled

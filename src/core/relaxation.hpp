@@ -1,0 +1,49 @@
+#pragma once
+#include <deque>
+#include <functional>
+#include <memory>
+#include <vector>
+
+#include "core/coarse_space.hpp"
+#include "core/constraint_operator.hpp"
+#include "core/cpu_forces.hpp"
+#include "core/solver.hpp"
+
+namespace mtled {
+
+/// The discrete problem in slots: everything that relaxation needs.
+template <class Real>
+struct SlotModel {
+  SlotLayout layout;
+  std::vector<Vec3d> position;        ///< [num_slots] rest positions [mm]
+  NodalField<Real> active;            ///< 1 where a parameter is free, 0 where it is prescribed or no node
+  NodalField<Real> inverse_diagonal;  ///< [mm/mN] of the preconditioner; 0 where not active
+  std::vector<std::uint8_t> watched;  ///< [num_slots] nodes whose increments make the error estimate (inside the body)
+  SupportTable supports;
+  const IntegrationPoints* points = nullptr;
+  std::unique_ptr<CpuForces<Real>> forces;
+  std::unique_ptr<ConstraintOperator<Real>> constraints;
+  std::unique_ptr<CoarseSpace<Real>> coarse;  ///< null: diagonal preconditioner only
+  NodalField<Real> coarse_active;
+  double largest_distance = 0;        ///< of a node to the nearest prescribed one, in node spacings
+};
+
+struct RelaxationResult {
+  bool converged = false;
+  int steps = 0, force_evaluations = 0;
+  double error_estimate = 0;
+  std::vector<HistoryEntry> history;
+};
+
+/// Heavy-ball iteration u+ = u + rho^2 (u - u-) - (1 + rho)^2 / lambda_max P f(u), i.e. central differences with
+/// mass-proportional damping (Joldes, Wittek, Miller 2011), with P the inverse of a fictitious mass or the two-level
+/// preconditioner. rho follows from the smallest eigenvalue, estimated by Rayleigh quotients of increments.
+template <class Real>
+RelaxationResult relax(const SlotModel<Real>& model, const SolverOptions& options, NodalField<Real>& u);
+
+/// Starts `u` from the linear-elastic solution, by conjugate gradients with the two-level preconditioner.
+/// Returns the number of products with the stiffness matrix.
+template <class Real>
+int start_linear_elastic(const SlotModel<Real>& model, double relative_residual, NodalField<Real>& u);
+
+}  // namespace mtled

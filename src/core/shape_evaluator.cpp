@@ -1,0 +1,183 @@
+#include "core/shape_evaluator.hpp"
+
+#include <algorithm>
+#include <nanoflann.hpp>
+#include <numbers>
+
+namespace mtled {
+namespace {
+
+constexpr double enlargement = 1.12;
+constexpr int most_enlargements = 8;
+constexpr std::size_t spacing_neighbours = 20;  ///< nodes that define the local spacing of a general cloud
+constexpr double edge_tolerance = 1e-6;         ///< of a spacing: places on the upper face of a cell belong to it
+
+struct PointCloudAdaptor {
+  const std::vector<Vec3d>& points;
+  std::size_t kdtree_get_point_count() const { return points.size(); }
+  double kdtree_get_pt(std::size_t i, std::size_t axis) const { return points[i][int(axis)]; }
+  template <class Box> bool kdtree_get_bbox(Box&) const { return false; }
+};
+
+}  // namespace
+
+/// Finds nodes around a place: by lattice position, or in a k-d tree.
+struct ShapeEvaluator::Neighbours {
+  using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, PointCloudAdaptor>, PointCloudAdaptor, 3, std::uint32_t>;
+  explicit Neighbours(const Cloud& c) : cloud(c), adaptor{c.nodes} {
+    if (!c.lattice) tree = std::make_unique<Tree>(3, adaptor, nanoflann::KDTreeSingleIndexAdaptorParams(16));
+  }
+  /// Edge of a cube that one node fills, from the ball that holds the nearest nodes [mm].
+  double local_spacing(const Vec3d& x) const {
+    if (cloud.lattice) return cloud.lattice->spacing;
+    const std::size_t wanted = std::min(spacing_neighbours, cloud.size());
+    std::vector<std::uint32_t> index(wanted);
+    std::vector<double> squared(wanted);
+    const std::size_t found = tree->knnSearch(&x.x, wanted, index.data(), squared.data());
+    return std::sqrt(squared[found - 1]) * std::cbrt(4 * std::numbers::pi / (3.0 * double(found)));
+  }
+  void within(const Vec3d& x, double radius, std::vector<int>& nodes, std::vector<Vec3d>& relative) const {
+    nodes.clear(), relative.clear();
+    if (cloud.lattice) {
+      const Lattice& l = *cloud.lattice;
+      int low[3], high[3];
+      for (int a = 0; a < 3; ++a) {
+        low[a] = std::max(0, int(std::ceil((x[a] - radius - l.origin[a]) / l.spacing)));
+        high[a] = std::min(l.size[a] - 1, int(std::floor((x[a] + radius - l.origin[a]) / l.spacing)));
+      }
+      for (int k = low[2]; k <= high[2]; ++k)
+        for (int j = low[1]; j <= high[1]; ++j)
+          for (int i = low[0]; i <= high[0]; ++i) {
+            const int n = l.node_at[l.offset(i, j, k)];
+            if (n < 0) continue;
+            const Vec3d d = l.origin + l.spacing * Vec3d{double(i), double(j), double(k)} - x;
+            if (squared_norm(d) < radius * radius) nodes.push_back(n), relative.push_back(d);
+          }
+      return;
+    }
+    std::vector<std::pair<std::uint32_t, double>> found;
+    tree->radiusSearch(&x.x, radius * radius, found, nanoflann::SearchParams(32, 0, false));
+    std::sort(found.begin(), found.end());
+    for (const auto& f : found) nodes.push_back(int(f.first)), relative.push_back(cloud.nodes[f.first] - x);
+  }
+  double nearest_distance(const Vec3d& x) const {
+    std::uint32_t index;
+    double squared;
+    tree->knnSearch(&x.x, 1, &index, &squared);
+    return std::sqrt(squared);
+  }
+
+  const Cloud& cloud;
+  PointCloudAdaptor adaptor;
+  std::unique_ptr<Tree> tree;
+};
+
+ShapeEvaluator::ShapeEvaluator(const Cloud& cloud, std::vector<std::uint8_t> prescribed, const MlsOptions& options)
+    : cloud_(&cloud), prescribed_(std::move(prescribed)), options_(options), neighbours_(std::make_unique<Neighbours>(cloud)) {}
+ShapeEvaluator::~ShapeEvaluator() = default;
+ShapeEvaluator::ShapeEvaluator(ShapeEvaluator&&) noexcept = default;
+
+/// Fills `shapes` without coupling; returns the number of enlargements, or -1 when all were in vain.
+int ShapeEvaluator::support(const Vec3d& x, ShapeFunctions& shapes) const {
+  thread_local std::vector<int> nodes;
+  thread_local std::vector<Vec3d> relative;
+  double radius = options_.dilatation * neighbours_->local_spacing(x);
+  for (int tries = 0; tries <= most_enlargements; ++tries, radius *= enlargement) {
+    neighbours_->within(x, radius, nodes, relative);
+    if (moving_least_squares(nodes, relative, radius, options_, shapes)) return tries;
+  }
+  return -1;
+}
+
+bool ShapeEvaluator::at(const Vec3d& x, ShapeFunctions& shapes, int* enlargements) const {
+  const int tries = support(x, shapes);
+  if (enlargements) *enlargements = tries;
+  if (tries < 0) return false;
+  if (cloud_->lattice && !prescribed_.empty()) couple(x, shapes);
+  return true;
+}
+
+namespace {
+
+/// Calls body(corner number, node) for the corners of a cell; false when one is missing.
+template <class Body>
+bool each_corner(const Lattice& l, const std::array<int, 3>& cell, Body&& body) {
+  for (int c = 0; c < 8; ++c) {
+    const int n = l.node(cell[0] + (c & 1), cell[1] + (c >> 1 & 1), cell[2] + (c >> 2));
+    if (n < 0) return false;
+    body(c, n);
+  }
+  return true;
+}
+
+}  // namespace
+
+std::array<int, 3> ShapeEvaluator::cell_of(const Vec3d& x) const {
+  const Lattice& l = *cloud_->lattice;
+  std::array<int, 3> cell;
+  bool on_plane[3];
+  for (int a = 0; a < 3; ++a) {
+    const double c = (x[a] - l.origin[a]) / l.spacing;
+    cell[a] = int(std::floor(c + edge_tolerance));
+    on_plane[a] = c - cell[a] < edge_tolerance;
+  }
+  // A place on a lattice plane belongs to the cells on both sides: prefer one that has all its nodes.
+  for (int side = 0; side < 8; ++side) {
+    std::array<int, 3> candidate = cell;
+    bool possible = true;
+    for (int a = 0; a < 3; ++a)
+      if (side >> a & 1) possible = possible && on_plane[a], --candidate[a];
+    if (possible && each_corner(l, candidate, [](int, int) {})) return candidate;
+  }
+  return cell;
+}
+
+bool ShapeEvaluator::coupled(const std::array<int, 3>& cell) const {
+  bool any = false;
+  return each_corner(*cloud_->lattice, cell, [&](int, int n) { any = any || prescribed(n); }) && any;
+}
+
+void ShapeEvaluator::couple(const Vec3d& x, ShapeFunctions& shapes) const {
+  const Lattice& l = *cloud_->lattice;
+  const std::array<int, 3> cell = cell_of(x);
+  if (!coupled(cell)) return;
+  // Trilinear functions of the cell and their gradients.
+  int corner_node[8];
+  double N[8], R = 0;
+  Vec3d dN[8], dR{};
+  double t[3];
+  for (int a = 0; a < 3; ++a) t[a] = (x[a] - l.origin[a]) / l.spacing - cell[a];
+  each_corner(l, cell, [&](int c, int n) {
+    double f[3], d[3];
+    for (int a = 0; a < 3; ++a) {
+      const bool upper = c >> a & 1;
+      f[a] = upper ? t[a] : 1 - t[a], d[a] = (upper ? 1 : -1) / l.spacing;
+    }
+    corner_node[c] = n;
+    N[c] = f[0] * f[1] * f[2], dN[c] = {d[0] * f[1] * f[2], f[0] * d[1] * f[2], f[0] * f[1] * d[2]};
+    if (prescribed(n)) R += N[c], dR += dN[c];
+  });
+  // phi~ = R N + (1 - R) phi and its gradient R dN + N dR + (1 - R) dphi - phi dR.
+  for (std::size_t i = 0; i < shapes.node.size(); ++i) {
+    shapes.gradient[i] = (1 - R) * shapes.gradient[i] - shapes.value[i] * dR;
+    shapes.value[i] *= 1 - R;
+  }
+  for (int c = 0; c < 8; ++c) {
+    const auto it = std::find(shapes.node.begin(), shapes.node.end(), corner_node[c]);
+    const double v = R * N[c];
+    const Vec3d g = R * dN[c] + N[c] * dR;
+    if (it == shapes.node.end()) {
+      shapes.add(corner_node[c], v, g);
+    } else {
+      const std::size_t i = std::size_t(it - shapes.node.begin());
+      shapes.value[i] += v, shapes.gradient[i] += g;
+    }
+  }
+}
+
+bool ShapeEvaluator::covers(const Vec3d& x) const {
+  if (cloud_->lattice) return each_corner(*cloud_->lattice, cell_of(x), [](int, int) {});
+  return neighbours_->nearest_distance(x) <= neighbours_->local_spacing(x);
+}
+
+}  // namespace mtled

@@ -1,0 +1,290 @@
+#include "core/solver.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <nanoflann.hpp>
+
+#include "core/error.hpp"
+#include "core/material.hpp"
+#include "core/relaxation.hpp"
+
+namespace mtled {
+namespace {
+
+class Stopwatch {
+ public:
+  explicit Stopwatch(std::map<std::string, double>& seconds) : seconds_(seconds) {}
+  /// Books the time since the last call under `stage`.
+  void lap(const std::string& stage) {
+    const auto now = std::chrono::steady_clock::now();
+    seconds_[stage] += std::chrono::duration<double>(now - last_).count();
+    last_ = now;
+  }
+
+ private:
+  std::map<std::string, double>& seconds_;
+  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
+};
+
+/// Points without a usable support give their volume to the nearest one that has it.
+void hand_over_dropped_volume(const SupportTable& supports, IntegrationPoints& points) {
+  for (std::uint32_t d : supports.dropped) {
+    std::size_t nearest = points.size();
+    double best = 0;
+    for (std::size_t p = 0; p < points.size(); ++p) {
+      if (supports.stencil[p] < 0) continue;
+      const double squared = squared_norm(points.position[p] - points.position[d]);
+      if (nearest == points.size() || squared < best) nearest = p, best = squared;
+    }
+    require(nearest < points.size(), "no integration point has enough nodes around it; use a smaller node spacing or a larger dilatation");
+    points.volume[nearest] += points.volume[d];
+  }
+}
+
+/// Slots joined by supports; every connected piece must be held by constraints.
+class Pieces {
+ public:
+  explicit Pieces(std::size_t n) : parent_(n) {
+    for (std::size_t i = 0; i < n; ++i) parent_[i] = int(i);
+  }
+  int root(int i) {
+    while (parent_[std::size_t(i)] != i) i = parent_[std::size_t(i)] = parent_[std::size_t(parent_[std::size_t(i)])];
+    return i;
+  }
+  void join(int a, int b) { parent_[std::size_t(root(a))] = root(b); }
+
+ private:
+  std::vector<int> parent_;
+};
+
+/// Rank of the rigid motions that prescribed components take away: 6 holds the piece.
+int held_motions(const std::vector<std::pair<Vec3d, std::array<bool, 3>>>& fixed) {
+  Vec3d centre{};
+  for (const auto& f : fixed) centre += (1.0 / double(fixed.size())) * f.first;
+  double size = 1e-9;
+  for (const auto& f : fixed) size = std::max(size, norm(f.first - centre));
+  std::vector<std::array<double, 6>> basis;
+  for (const auto& [x, components] : fixed) {
+    const Vec3d d = (1 / size) * (x - centre);
+    for (int c = 0; c < 3 && basis.size() < 6; ++c) {
+      if (!components[std::size_t(c)]) continue;
+      Vec3d e{};
+      e[c] = 1;
+      const Vec3d turn = cross(d, e);  // virtual work of a unit force along c
+      std::array<double, 6> row{e.x, e.y, e.z, turn.x, turn.y, turn.z};
+      for (const auto& b : basis) {
+        double along = 0;
+        for (int i = 0; i < 6; ++i) along += b[std::size_t(i)] * row[std::size_t(i)];
+        for (int i = 0; i < 6; ++i) row[std::size_t(i)] -= along * b[std::size_t(i)];
+      }
+      double length = 0;
+      for (double r : row) length += r * r;
+      length = std::sqrt(length);
+      if (length < 1e-3) continue;
+      for (double& r : row) r /= length;
+      basis.push_back(row);
+    }
+    if (basis.size() == 6) break;
+  }
+  return int(basis.size());
+}
+
+template <class Real>
+void require_held(const SlotModel<Real>& model, const Cloud& cloud, const Constraints& constraints) {
+  const SupportTable& t = model.supports;
+  Pieces pieces(model.position.size());
+  for (std::size_t p = 0; p < t.stencil.size(); ++p) {
+    if (t.stencil[p] < 0) continue;
+    const int b = t.begin[std::size_t(t.stencil[p])], e = t.begin[std::size_t(t.stencil[p]) + 1];
+    for (int s = b + 1; s < e; ++s) pieces.join(t.base[p] + t.offset[std::size_t(b)], t.base[p] + t.offset[std::size_t(s)]);
+  }
+  std::map<int, std::vector<std::pair<Vec3d, std::array<bool, 3>>>> fixed;
+  for (std::size_t b = 0; b < constraints.node.size(); ++b) {
+    const std::size_t n = std::size_t(constraints.node[b]);
+    fixed[pieces.root(model.layout.slot_of_node[n])].push_back({cloud.nodes[n], constraints.fixed[b]});
+  }
+  std::map<int, std::pair<std::size_t, Vec3d>> free_pieces;  // nodes and one position
+  for (std::size_t p = 0; p < t.stencil.size(); ++p) {
+    if (t.stencil[p] < 0) continue;
+    const int root = pieces.root(t.base[p] + t.offset[std::size_t(t.begin[std::size_t(t.stencil[p])])]);
+    if (fixed.count(root) && fixed[root].size() > 0) continue;
+    auto& [count, place] = free_pieces[root];
+    ++count, place = model.points->position[p];
+  }
+  for (const auto& [root, piece] : free_pieces)
+    fail(Failure::input, "a part of the body of ", piece.first, " integration points, around (", piece.second.x, ", ", piece.second.y, ", ",
+         piece.second.z, ") mm, is not connected to any prescribed displacement and could float away; remove it from the mask, or prescribe its motion");
+  for (const auto& [root, nodes] : fixed) {
+    const int held = held_motions(nodes);
+    require(held == 6, "the prescribed displacements leave ", 6 - held, " rigid motions of the body free (", nodes.size(),
+            " constrained nodes, the first at (", nodes[0].first.x, ", ", nodes[0].first.y, ", ", nodes[0].first.z,
+            ") mm); prescribe three components at three nodes that are not on one line, or the like");
+  }
+}
+
+template <class Real>
+SlotModel<Real> build_model(const ShapeEvaluator& evaluator, IntegrationPoints& points, const Constraints& constraints, const SolverOptions& options, Solution& solution) {
+  const Cloud& cloud = evaluator.cloud();
+  Stopwatch watch(solution.seconds);
+  SlotModel<Real> model;
+  model.layout = make_slot_layout(cloud, 1);
+  model.supports = build_supports(evaluator, model.layout, points);
+  hand_over_dropped_volume(model.supports, points);
+  model.points = &points;
+  const std::size_t slots = std::size_t(model.layout.num_slots);
+  model.position.resize(slots);
+  for (std::size_t n = 0; n < cloud.size(); ++n) model.position[std::size_t(model.layout.slot_of_node[n])] = cloud.nodes[n];
+  watch.lap("shape functions");
+  require_held(model, cloud, constraints);
+  model.constraints = std::make_unique<ConstraintOperator<Real>>(evaluator, model.layout, constraints);
+
+  // Diagonal of K at rest (two-level) or the fictitious mass sum w (k + 4 mu / 3) / n (plain), and which nodes carry anything.
+  std::vector<double> diagonal(3 * slots, 0.0), inside(slots, 0.0);
+  const SupportTable& t = model.supports;
+  for (std::size_t p = 0; p < points.size(); ++p) {
+    if (t.stencil[p] < 0) continue;
+    const int b = t.begin[std::size_t(t.stencil[p])], e = t.begin[std::size_t(t.stencil[p]) + 1];
+    const double mu = points.shear_modulus[p], k = points.bulk_modulus[p], volume = points.volume[p];
+    for (int s = b; s < e; ++s) {
+      const std::size_t slot = std::size_t(t.base[p] + t.offset[std::size_t(s)]);
+      const Vec3d& g = t.gradient[std::size_t(s)];
+      inside[slot] += volume;
+      for (int c = 0; c < 3; ++c)
+        diagonal[std::size_t(c) * slots + slot] += options.relaxation == Relaxation::two_level
+                                                       ? volume * ((k + mu / 3) * g[c] * g[c] + mu * squared_norm(g))
+                                                       : volume * (k + 4 * mu / 3) / (e - b);
+    }
+  }
+  model.active = NodalField<Real>(slots);
+  model.inverse_diagonal = NodalField<Real>(slots);
+  for (std::size_t s = 0; s < slots; ++s)
+    for (int c = 0; c < 3; ++c)
+      if (diagonal[std::size_t(c) * slots + s] > 0) model.active.at(s, c) = 1;
+  model.constraints->each_dependent(false, [&](int slot, int c) { model.active.at(std::size_t(slot), c) = 0; });
+  for (std::size_t s = 0; s < slots; ++s)
+    for (int c = 0; c < 3; ++c)
+      if (model.active.at(s, c) != 0) model.inverse_diagonal.at(s, c) = Real(1 / diagonal[std::size_t(c) * slots + s]);
+
+  // Nodes just outside the body keep soft modes that the field hardly sees: only those with a fair share of volume are watched.
+  std::vector<double> sorted;
+  for (double v : inside)
+    if (v > 0) sorted.push_back(v);
+  std::nth_element(sorted.begin(), sorted.begin() + std::ptrdiff_t(sorted.size() / 2), sorted.end());
+  const double fair = 0.25 * sorted[sorted.size() / 2];
+  model.watched.resize(slots);
+  for (std::size_t s = 0; s < slots; ++s) model.watched[s] = inside[s] >= fair;
+
+  model.forces = std::make_unique<CpuForces<Real>>(model.supports, model.layout, points);
+  watch.lap("model");
+  const double spacing = std::cbrt([&] { double v = 0; for (double w : points.volume) v += w; return v; }() / double(cloud.size()));
+  double largest = 0;  // distance to prescribed nodes, by a coarse sweep over the nodes
+  for (std::size_t n = 0; n < cloud.size(); n += std::max<std::size_t>(1, cloud.size() / 2000)) {
+    double nearest = 1e300;
+    for (std::size_t b = 0; b < constraints.node.size(); b += std::max<std::size_t>(1, constraints.node.size() / 500))
+      nearest = std::min(nearest, squared_norm(cloud.nodes[n] - cloud.nodes[std::size_t(constraints.node[b])]));
+    largest = std::max(largest, nearest);
+  }
+  model.largest_distance = std::sqrt(largest) / spacing;
+  if (options.relaxation == Relaxation::two_level) {
+    model.coarse_active = NodalField<Real>(slots);
+    model.coarse_active.copy_from(model.active);
+    model.constraints->each_dependent(true, [&](int slot, int c) { model.coarse_active.at(std::size_t(slot), c) = 0; });
+    model.coarse = std::make_unique<CoarseSpace<Real>>(model.position, model.coarse_active, options.coarse_unknowns, 5 * spacing);
+    solution.coarse_unknowns = std::size_t(model.coarse->unknowns());
+  }
+  return model;
+}
+
+/// Strain energy [mN mm] in double, and the points' volume ratios.
+template <class Real>
+void measure_state(const SlotModel<Real>& model, const NodalField<Real>& u, Solution& solution, Vec3d& worst_place) {
+  const SupportTable& t = model.supports;
+  const IntegrationPoints& points = *model.points;
+  std::vector<double> ratio(points.size(), 1e30);
+  solution.strain_energy = parallel_sum(points.size(), [&](std::size_t begin, std::size_t end) {
+    double energy = 0;
+    for (std::size_t p = begin; p < end; ++p) {
+      if (t.stencil[p] < 0) continue;
+      Mat3d F = Mat3d::identity();
+      for (int s = t.begin[std::size_t(t.stencil[p])]; s < t.begin[std::size_t(t.stencil[p]) + 1]; ++s)
+        for (int i = 0; i < 3; ++i)
+          for (int k = 0; k < 3; ++k)
+            F[i][k] += double(u.at(std::size_t(t.base[p] + t.offset[std::size_t(s)]), i)) * t.gradient[std::size_t(s)][k];
+      energy += points.volume[p] * NeoHookean<double>{points.shear_modulus[p], points.bulk_modulus[p]}.energy(F);
+      ratio[p] = determinant(F);
+    }
+    return energy;
+  });
+  const std::size_t worst = std::size_t(std::min_element(ratio.begin(), ratio.end()) - ratio.begin());
+  solution.smallest_volume_ratio = ratio[worst];
+  worst_place = points.position[worst];
+  solution.inverted_points = std::size_t(std::count_if(ratio.begin(), ratio.end(), [](double r) { return r <= 0; }));
+}
+
+template <class Real>
+Solution solve_with(const ShapeEvaluator& evaluator, IntegrationPoints& points, const Constraints& constraints, const SolverOptions& options) {
+  Solution solution;
+  SlotModel<Real> model = build_model<Real>(evaluator, points, constraints, options, solution);
+  solution.points = points.size(), solution.stencils = std::size_t(model.supports.num_stencils());
+  solution.enlarged_supports = model.supports.enlarged, solution.dropped_points = model.supports.dropped.size();
+  Stopwatch watch(solution.seconds);
+  NodalField<Real> u(model.position.size());
+  if (model.coarse) {
+    model.coarse->assemble(model.supports, points, u);
+    watch.lap("coarse matrix");
+    if (options.progress) options.progress({"start", 0, std::nan(""), 0, std::nan("")});
+    solution.force_evaluations += start_linear_elastic(model, 2e-3, u);
+    watch.lap("linear-elastic start");
+    model.coarse->assemble(model.supports, points, u);
+    watch.lap("coarse matrix");
+  }
+  const RelaxationResult relaxed = relax(model, options, u);
+  watch.lap("relaxation");
+  solution.converged = relaxed.converged;
+  solution.steps = relaxed.steps;
+  solution.force_evaluations += relaxed.force_evaluations;
+  solution.error_estimate_mm = relaxed.error_estimate;
+  solution.history = relaxed.history;
+  Vec3d worst{};
+  measure_state(model, u, solution, worst);
+  NodalField<Real> f(u.slots());
+  model.forces->force(u, f);
+  const std::vector<Vec3d> reaction = model.constraints->reactions(f);
+  for (const std::string& name : constraints.set_names) solution.reactions[name] = {};
+  for (std::size_t b = 0; b < reaction.size(); ++b) solution.reactions[constraints.set_names[std::size_t(constraints.set[b])]] += reaction[b];
+  solution.bytes = double(model.forces->bytes()) + 12.0 * 3 * double(u.slots()) * sizeof(Real) + (model.coarse ? double(model.coarse->bytes()) : 0);
+
+  const Cloud& cloud = evaluator.cloud();
+  solution.parameter.resize(cloud.size());
+  for (std::size_t n = 0; n < cloud.size(); ++n)
+    for (int c = 0; c < 3; ++c) solution.parameter[n][c] = double(u.at(std::size_t(model.layout.slot_of_node[n]), c));
+  solution.displacement.resize(cloud.size());
+  parallel_for(cloud.size(), [&](std::size_t n) {
+    if (!displacement_at(evaluator, solution.parameter, cloud.nodes[n], solution.displacement[n])) solution.displacement[n] = solution.parameter[n];
+  }, 256);
+  watch.lap("field at nodes");
+  if (solution.inverted_points > 0)
+    fail(Failure::numerical, solution.inverted_points, " integration points are turned inside out at the end (smallest volume ratio ",
+         solution.smallest_volume_ratio, " at (", worst.x, ", ", worst.y, ", ", worst.z,
+         ") mm): the prescribed motions ask for more than the tissue between them can follow; check the motions there, or use a smaller node spacing");
+  return solution;
+}
+
+}  // namespace
+
+Solution solve(const ShapeEvaluator& evaluator, IntegrationPoints points, const Constraints& constraints, const SolverOptions& options) {
+  require(!constraints.node.empty(), "there are no prescribed displacements: nothing moves the body; give at least one rigid body or constraint");
+  return options.double_precision ? solve_with<double>(evaluator, points, constraints, options)
+                                  : solve_with<float>(evaluator, points, constraints, options);
+}
+
+bool displacement_at(const ShapeEvaluator& evaluator, const std::vector<Vec3d>& parameter, const Vec3d& x, Vec3d& u) {
+  thread_local ShapeFunctions shapes;
+  if (!evaluator.at(x, shapes)) return false;
+  u = {};
+  for (std::size_t i = 0; i < shapes.node.size(); ++i) u += shapes.value[i] * parameter[std::size_t(shapes.node[i])];
+  return true;
+}
+
+}  // namespace mtled

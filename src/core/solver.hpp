@@ -1,0 +1,71 @@
+#pragma once
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/cloud.hpp"
+#include "core/shape_evaluator.hpp"
+
+namespace mtled {
+
+/// How equilibrium is approached.
+enum class Relaxation {
+  plain,      ///< dynamic relaxation with lumped mass from rest, load applied smoothly (the published scheme)
+  two_level,  ///< dynamic relaxation with a two-level preconditioner from the linear-elastic solution
+};
+
+/// Where the solver is.
+struct Progress {
+  const char* stage = "";        ///< "start", "relaxation"
+  int step = 0;
+  double error_estimate_mm = 0;  ///< NaN while there is none
+  double seconds = 0;            ///< since the start of the solver
+  double seconds_left = 0;       ///< estimated from the convergence rate; NaN while unknown
+};
+
+struct SolverOptions {
+  Relaxation relaxation = Relaxation::two_level;
+  double tolerance_mm = 0.05;        ///< of the estimated error; 0.05 keeps the true error below 0.1
+  int consecutive_steps = 20;        ///< for which the estimate must stay below the tolerance
+  int max_steps = 20000;
+  int load_steps = 0;                ///< plain: steps of the load ramp; 0 = chosen from the distance to prescribed nodes
+  int coarse_unknowns = 2400;        ///< two_level
+  double dilatation = 1.75;          ///< of the supports; see MlsOptions
+  bool double_precision = false;     ///< of the state and the forces
+  std::function<void(const Progress&)> progress;
+};
+
+/// One line of the history.
+struct HistoryEntry {
+  int step;
+  double error_estimate_mm, largest_increment_mm, convergence_rate;
+};
+
+struct Solution {
+  std::vector<Vec3d> parameter;       ///< [num_nodes] nodal parameters [mm]: coefficients of the shape functions
+  std::vector<Vec3d> displacement;    ///< [num_nodes] field at the nodes [mm]
+  bool converged = false;
+  int steps = 0;                      ///< relaxation steps
+  int force_evaluations = 0;          ///< all internal-force and tangent products, setup and start included
+  double error_estimate_mm = 0;
+  double strain_energy = 0;           ///< [mN mm]
+  std::map<std::string, Vec3d> reactions;  ///< per set: force of the constraint on the body [mN]
+  double smallest_volume_ratio = 0;   ///< min det F over the integration points
+  std::size_t inverted_points = 0;
+  std::size_t points = 0, stencils = 0, enlarged_supports = 0, dropped_points = 0, coarse_unknowns = 0;
+  double bytes = 0;                   ///< of the solver's tables and state
+  std::map<std::string, double> seconds;  ///< per stage
+  std::vector<HistoryEntry> history;
+};
+
+/// Static equilibrium of the body under prescribed displacements, all else free of load.
+/// Input errors: no constraints or too few to hold the body; numerical errors: divergence, inverted points at the end,
+/// no convergence within max_steps (with position and remedy).
+Solution solve(const ShapeEvaluator& evaluator, IntegrationPoints points, const Constraints& constraints, const SolverOptions& options);
+
+/// u(x) of a solution [mm]; false where the cloud has no usable support.
+bool displacement_at(const ShapeEvaluator& evaluator, const std::vector<Vec3d>& parameter, const Vec3d& x, Vec3d& u);
+
+}  // namespace mtled

@@ -1,0 +1,17 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+
+namespace mtled {
+
+/// Bytes of `file` after `offset`; 0 when it ends before.
+std::uint64_t stored_bytes(const std::filesystem::path& file, std::uint64_t offset);
+/// Bytes that the zlib or gzip data at `offset` unpack to, as far as they go: fewer than were packed when the file is
+/// cut off. Input error: damaged (checksums are verified).
+std::uint64_t inflated_bytes(const std::filesystem::path& file, std::uint64_t offset);
+/// Input error unless `found` bytes of voxels are at least `needed`.
+void require_complete(std::uint64_t found, std::uint64_t needed);
+/// Packs `source` into the gzip file `target`. Output error: cannot be written.
+void gzip(const std::filesystem::path& source, const std::filesystem::path& target);
+
+}  // namespace mtled

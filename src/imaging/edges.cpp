@@ -1,0 +1,142 @@
+#include <itkRecursiveGaussianImageFilter.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/error.hpp"
+#include "imaging/evaluation.hpp"
+#include "imaging/itk_bridge.hpp"
+#include "imaging/same_grid.hpp"
+#include "imaging/voxel_loop.hpp"
+
+namespace mtled {
+namespace {
+
+constexpr int fewest_voxels = 4;  ///< that the recursive filter needs along an axis
+
+/// Derivative [intensity/mm] along the grid's axis `axis` of the image smoothed by a Gaussian.
+Image smoothed_derivative(const Image& image, double sigma_mm, int axis) {
+  using Filter = itk::RecursiveGaussianImageFilter<ItkImage<float>, ItkImage<float>>;
+  if (image.grid.size[axis] < fewest_voxels) return Image(image.grid);
+  auto result = view_as_itk(image);
+  bool input = true;
+  for (int a = 0; a < 3; ++a) {
+    if (image.grid.size[a] < fewest_voxels) continue;
+    const auto filter = Filter::New();
+    filter->SetInput(result);
+    filter->SetDirection(unsigned(a));
+    filter->SetSigma(sigma_mm);
+    filter->SetOrder(a == axis ? itk::GaussianOrderEnum::FirstOrder : itk::GaussianOrderEnum::ZeroOrder);
+    filter->SetInPlace(!input);
+    filter->Update();
+    result = filter->GetOutput();
+    result->DisconnectPipeline();
+    input = false;
+  }
+  Image derivative(image.grid);
+  const float per_mm = float(1 / image.grid.spacing[axis]);  // the filter differentiates by index
+  const float* values = result->GetBufferPointer();
+  for_each_voxel(image.grid, [&](int, int, int, std::size_t voxel) { derivative.data[voxel] = per_mm * values[voxel]; });
+  return derivative;
+}
+
+struct Gradient {
+  Image along[3];   ///< [intensity/mm] components along the grid's axes
+  Image magnitude;  ///< [intensity/mm]
+};
+
+Gradient smoothed_gradient(const Image& image, double sigma_mm) {
+  Gradient g{{smoothed_derivative(image, sigma_mm, 0), smoothed_derivative(image, sigma_mm, 1),
+              smoothed_derivative(image, sigma_mm, 2)},
+             Image(image.grid)};
+  for_each_voxel(image.grid, [&](int, int, int, std::size_t v) {
+    const float x = g.along[0].data[v], y = g.along[1].data[v], z = g.along[2].data[v];
+    g.magnitude.data[v] = std::sqrt(x * x + y * y + z * z);
+  });
+  return g;
+}
+
+/// Trilinear value at a continuous index; false outside the voxel centres.
+bool value_at_index(const Image& image, const Vec3d& index, double& value) {
+  int low[3], high[3];
+  double t[3];
+  for (int a = 0; a < 3; ++a) {
+    const int last = image.grid.size[a] - 1;
+    if (!(index[a] >= 0 && index[a] <= last)) return false;
+    low[a] = int(index[a]);
+    high[a] = std::min(low[a] + 1, last);
+    t[a] = index[a] - low[a];
+  }
+  value = 0;
+  for (int corner = 0; corner < 8; ++corner) {
+    const bool i = corner & 1, j = corner & 2, k = corner & 4;
+    value += (i ? t[0] : 1 - t[0]) * (j ? t[1] : 1 - t[1]) * (k ? t[2] : 1 - t[2]) *
+             image.at(i ? high[0] : low[0], j ? high[1] : low[1], k ? high[2] : low[2]);
+  }
+  return true;
+}
+
+/// True where the gradient's magnitude is largest along the physical direction of the gradient. Compared with the values
+/// where that line leaves the 3x3x3 neighbourhood; a voxel whose line leaves the image is no edge.
+bool is_ridge(const Gradient& g, int i, int j, int k, std::size_t voxel) {
+  Vec3d step;
+  double largest = 0;
+  for (int a = 0; a < 3; ++a) {
+    step[a] = g.along[a].data[voxel] / g.magnitude.grid.spacing[a];
+    largest = std::max(largest, std::abs(step[a]));
+  }
+  if (largest == 0) return false;
+  step = (1 / largest) * step;
+  const Vec3d here{double(i), double(j), double(k)};
+  double ahead, behind;
+  if (!value_at_index(g.magnitude, here + step, ahead) || !value_at_index(g.magnitude, here - step, behind)) return false;
+  const double m = g.magnitude.data[voxel];
+  return m > ahead && m >= behind;
+}
+
+enum : std::uint8_t { none = 0, edge = 1, candidate = 2 };
+
+/// Keeps the candidates that a chain of 26-neighbours connects to an edge; clears the others.
+void follow_edges(Mask& state) {
+  const auto& n = state.grid.size;
+  std::vector<std::array<int, 3>> open;
+  for (int k = 0; k < n[2]; ++k)
+    for (int j = 0; j < n[1]; ++j)
+      for (int i = 0; i < n[0]; ++i)
+        if (state.at(i, j, k) == edge) open.push_back({i, j, k});
+  while (!open.empty()) {
+    const auto [i, j, k] = open.back();
+    open.pop_back();
+    for (int c = std::max(k - 1, 0); c <= std::min(k + 1, n[2] - 1); ++c)
+      for (int b = std::max(j - 1, 0); b <= std::min(j + 1, n[1] - 1); ++b)
+        for (int a = std::max(i - 1, 0); a <= std::min(i + 1, n[0] - 1); ++a)
+          if (state.at(a, b, c) == candidate) {
+            state.at(a, b, c) = edge;
+            open.push_back({a, b, c});
+          }
+  }
+  for_each_voxel(state.grid, [&](int, int, int, std::size_t v) {
+    if (state.data[v] == candidate) state.data[v] = none;
+  });
+}
+
+}  // namespace
+
+Mask canny_edges(const Image& image, const CannyOptions& options, const Mask* where) {
+  require(options.sigma_mm > 0, "smoothing of the edges is ", options.sigma_mm, " mm; give a positive width such as 2");
+  require(options.lower_threshold > 0 && options.upper_threshold >= options.lower_threshold, "edge thresholds ",
+          options.lower_threshold, " and ", options.upper_threshold, " per mm are not 0 < lower <= upper");
+  require(!where || same_grid(image.grid, where->grid), "the image and the mask of its edges lie on different grids; resample "
+          "the mask to the image");
+  const Gradient g = smoothed_gradient(image, options.sigma_mm);
+  Mask state(image.grid);
+  for_each_voxel(image.grid, [&](int i, int j, int k, std::size_t v) {
+    const float magnitude = g.magnitude.data[v];
+    if ((where && !where->data[v]) || magnitude < options.lower_threshold || !is_ridge(g, i, j, k, v)) return;
+    state.data[v] = magnitude >= options.upper_threshold ? edge : candidate;
+  });
+  follow_edges(state);
+  return state;
+}
+
+}  // namespace mtled

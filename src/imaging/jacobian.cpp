@@ -1,0 +1,75 @@
+#include <algorithm>
+
+#include "core/error.hpp"
+#include "imaging/percentile.hpp"
+#include "imaging/same_grid.hpp"
+#include "imaging/voxel_loop.hpp"
+#include "imaging/warp.hpp"
+
+namespace mtled {
+namespace {
+
+/// det(I + du/dX) at one voxel by central differences.
+class DeterminantAtVoxel {
+ public:
+  DeterminantAtVoxel(const VectorImage& displacement, const Mask& where) : field_(displacement), where_(where) {}
+
+  /// False where the derivative along an axis is unknown: no neighbour inside the mask on either side.
+  bool operator()(int i, int j, int k, std::size_t voxel, double& determinant_value) const {
+    const Grid& grid = field_.grid;
+    const int index[3] = {i, j, k};
+    const std::size_t stride[3] = {1, grid.offset(0, 1, 0), grid.offset(0, 0, 1)};
+    Mat3d F = Mat3d::identity();
+    for (int a = 0; a < 3; ++a) {
+      if (grid.size[a] == 1) continue;
+      const bool below = index[a] > 0 && where_.data[voxel - stride[a]];
+      const bool above = index[a] + 1 < grid.size[a] && where_.data[voxel + stride[a]];
+      if (!below && !above) return false;
+      const Vec3f& p = field_.data[below ? voxel - stride[a] : voxel];
+      const Vec3f& q = field_.data[above ? voxel + stride[a] : voxel];
+      const double length = grid.spacing[a] * (int(below) + int(above));
+      const Vec3d slope{(double(q.x) - p.x) / length, (double(q.y) - p.y) / length, (double(q.z) - p.z) / length};
+      for (int r = 0; r < 3; ++r)
+        for (int c = 0; c < 3; ++c) F[r][c] += slope[r] * grid.direction[c][a];
+    }
+    determinant_value = determinant(F);
+    return true;
+  }
+
+ private:
+  const VectorImage& field_;
+  const Mask& where_;
+};
+
+}  // namespace
+
+JacobianStatistics jacobian_statistics(const VectorImage& displacement, const Mask& where) {
+  require(same_grid(displacement.grid, where.grid), "the displacement and the mask lie on different grids; compute both on the same grid");
+  const DeterminantAtVoxel determinant_at(displacement, where);
+  Mask counted(where.grid);
+  std::vector<float> values(where.data.size());
+  for_each_voxel(where.grid, [&](int i, int j, int k, std::size_t voxel) {
+    double value;
+    if (!where.data[voxel] || !determinant_at(i, j, k, voxel, value)) return;
+    values[voxel] = float(value);
+    counted.data[voxel] = 1;
+  });
+  std::size_t kept = 0;
+  for (std::size_t voxel = 0; voxel < values.size(); ++voxel)
+    if (counted.data[voxel]) values[kept++] = values[voxel];
+  values.resize(kept);
+  require(kept > 0, "no voxel of the mask has neighbours in it, so the volume change cannot be computed; give a mask of the body");
+
+  JacobianStatistics result;
+  result.voxels = kept;
+  result.folded = std::size_t(std::count_if(values.begin(), values.end(), [](float value) { return value <= 0; }));
+  const auto [minimum, maximum] = std::minmax_element(values.begin(), values.end());
+  result.minimum = *minimum;
+  result.maximum = *maximum;
+  result.percentile_1 = percentile(values, 1);
+  result.median = percentile(values, 50);
+  result.percentile_99 = percentile(values, 99);
+  return result;
+}
+
+}  // namespace mtled

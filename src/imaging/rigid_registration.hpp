@@ -1,0 +1,31 @@
+#pragma once
+#include <vector>
+
+#include "core/motion.hpp"
+#include "core/volume.hpp"
+
+namespace mtled {
+
+/// One resolution of a registration.
+struct RegistrationLevel {
+  double sigma_mm = 0;         ///< Gaussian smoothing of both images; 0 = none
+  std::size_t points = 0;      ///< how many of the points take part; 0 = all
+  double largest_step_mm = 1;  ///< of the optimiser
+};
+
+/// Rigid motion moving -> fixed that maximises the squared normalised correlation over `points` of the moving image
+/// [LPS mm], from `start`, level by level (ITK: CorrelationImageToImageMetricv4, Euler3DTransform about the centre of the
+/// start, RegularStepGradientDescentOptimizerv4 with steps in mm). One thread, no random numbers.
+/// Throws a numerical error when the images do not overlap enough for ITK.
+RigidMotion refine_motion(const Image& moving, const Image& fixed, const std::vector<Vec3d>& points,
+                          const RigidMotion& start, const std::vector<RegistrationLevel>& levels);
+
+/// Gaussian smoothing (ITK's recursive filter); every axis needs at least 4 voxels.
+Image smooth(const Image& image, double sigma_mm);
+/// Averages of blocks of voxels, so that the spacing grows to about `spacing_mm` where it is finer.
+Image coarsen(const Image& image, double spacing_mm);
+/// The part of an image that holds the given points and `margin_mm` around them (at least 4 voxels along each axis where
+/// the image has them; the nearest part of the image if no point lies inside).
+Image crop(const Image& image, const std::vector<Vec3d>& points, double margin_mm);
+
+}  // namespace mtled

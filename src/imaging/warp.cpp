@@ -1,0 +1,119 @@
+#include "imaging/warp.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "core/error.hpp"
+#include "imaging/cubic_spline.hpp"
+#include "imaging/voxel_loop.hpp"
+
+namespace mtled {
+namespace {
+
+/// `source` at position(i, j, k, voxel) for every voxel of `grid`.
+template <class Position>
+Image sample(const Image& source, const Grid& grid, const Position& position, Interpolation interpolation, float outside) {
+  Image result(grid);
+  const auto fill = [&](const auto& value_at) {
+    for_each_voxel(grid, [&](int i, int j, int k, std::size_t voxel) {
+      result.data[voxel] = value_at(position(i, j, k, voxel));
+    });
+  };
+  switch (interpolation) {
+    case Interpolation::nearest:
+      fill([&](const Vec3d& point) { return nearest_value(source, point, outside); });
+      break;
+    case Interpolation::linear:
+      fill([&](const Vec3d& point) {
+        double value;
+        return linear_value(source, point, value) ? float(value) : outside;
+      });
+      break;
+    case Interpolation::cubic:
+      fill([&, spline = CubicSpline(source)](const Vec3d& point) {
+        double value;
+        return spline.evaluate(point, value) ? float(value) : outside;
+      });
+      break;
+  }
+  return result;
+}
+
+/// y + v(y) at the voxels of a displacement field.
+auto displaced_position(const VectorImage& field) {
+  return [&field](int i, int j, int k, std::size_t voxel) {
+    const Vec3f& v = field.data[voxel];
+    return field.grid.point(i, j, k) + Vec3d{v.x, v.y, v.z};
+  };
+}
+
+}  // namespace
+
+Image warp_image(const Image& moving, const VectorImage& inverse, Interpolation interpolation, float outside) {
+  return sample(moving, inverse.grid, displaced_position(inverse), interpolation, outside);
+}
+
+LabelImage warp_labels(const LabelImage& labels, const VectorImage& inverse) {
+  LabelImage result(inverse.grid);
+  const auto position = displaced_position(inverse);
+  for_each_voxel(inverse.grid, [&](int i, int j, int k, std::size_t voxel) {
+    result.data[voxel] = nearest_value<std::uint16_t>(labels, position(i, j, k, voxel), 0);
+  });
+  return result;
+}
+
+Image warp_image_rigidly(const Image& moving, const Grid& fixed_grid, const RigidMotion& motion,
+                         Interpolation interpolation, float outside) {
+  const RigidMotion back = inverse(motion);
+  const auto position = [&](int i, int j, int k, std::size_t) { return back.apply(fixed_grid.point(i, j, k)); };
+  return sample(moving, fixed_grid, position, interpolation, outside);
+}
+
+std::vector<Vec3d> warp_points(const std::vector<Vec3d>& points, const DisplacementFunction& u, const VectorImage& dense) {
+  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+  std::vector<Vec3d> warped(points.size());
+  parallel_for(points.size(), [&](std::size_t p) {
+    Vec3d value;
+    const bool known = u(points[p], value) || linear_value(dense, points[p], value);
+    warped[p] = known ? points[p] + value : Vec3d{nan, nan, nan};
+  });
+  return warped;
+}
+
+Image resample(const Image& image, const Vec3d& spacing_mm) {
+  Grid grid = image.grid;
+  Vec3d first;
+  for (int a = 0; a < 3; ++a) {
+    require(spacing_mm[a] > 0, "voxel spacing ", spacing_mm[a], " mm is not positive; give three spacings in mm");
+    const double extent = image.grid.size[a] * image.grid.spacing[a];
+    const double voxels = std::max(1.0, std::round(extent / spacing_mm[a]));
+    require(voxels < std::numeric_limits<int>::max(), "voxel spacing ", spacing_mm[a], " mm would need ", voxels,
+            " voxels along one axis; give a larger spacing");
+    grid.size[a] = int(voxels);
+    grid.spacing[a] = extent / voxels;
+    first[a] = (grid.spacing[a] / image.grid.spacing[a] - 1) / 2;
+  }
+  grid.origin = image.grid.point(first);
+  return sample(image, grid, [&](int i, int j, int k, std::size_t) { return grid.point(i, j, k); }, Interpolation::linear,
+                0);
+}
+
+LabelImage resample_labels(const LabelImage& labels, const Grid& grid) {
+  LabelImage result(grid);
+  Mask inside(grid);
+  for_each_voxel(grid, [&](int i, int j, int k, std::size_t voxel) {
+    const Vec3d c = labels.grid.index(grid.point(i, j, k));
+    for (int a = 0; a < 3; ++a)
+      if (!(c[a] >= -0.5 && c[a] < labels.grid.size[a] - 0.5)) return;
+    inside.data[voxel] = 1;
+    result.data[voxel] = nearest_value<std::uint16_t>(labels, grid.point(i, j, k), 0);
+  });
+  const Vec3d p = labels.grid.origin, q = grid.origin;
+  require(std::any_of(inside.data.begin(), inside.data.end(), [](auto in) { return in != 0; }),
+          "the label image and the image it belongs to do not overlap in space (origins ", p.x, " ", p.y, " ", p.z, " and ",
+          q.x, " ", q.y, " ", q.z, " mm); check that the labels were drawn on this image");
+  return result;
+}
+
+}  // namespace mtled

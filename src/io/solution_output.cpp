@@ -1,0 +1,47 @@
+#include "io/solution_output.hpp"
+
+#include <cmath>
+
+#include "io/tables.hpp"
+
+namespace mtled {
+namespace {
+
+/// JSON has no NaN: a value that is not known is null.
+nlohmann::json number(double v) { return std::isfinite(v) ? nlohmann::json(v) : nlohmann::json(nullptr); }
+
+}  // namespace
+
+nlohmann::json summary_of(const Solution& s) {
+  nlohmann::json j;
+  j["converged"] = s.converged;
+  j["steps"] = s.steps;
+  j["force_evaluations"] = s.force_evaluations;
+  j["error_estimate_mm"] = number(s.error_estimate_mm);
+  j["strain_energy_mN_mm"] = number(s.strain_energy);
+  j["reactions_mN"] = nlohmann::json::object();
+  for (const auto& [name, r] : s.reactions) j["reactions_mN"][name] = {r.x, r.y, r.z};
+  j["smallest_volume_ratio"] = number(s.smallest_volume_ratio);
+  j["nodes"] = s.parameter.size();
+  j["integration_points"] = s.points;
+  j["stencils"] = s.stencils;
+  j["enlarged_supports"] = s.enlarged_supports;
+  j["dropped_points"] = s.dropped_points;
+  j["coarse_unknowns"] = s.coarse_unknowns;
+  double total = 0;
+  for (const auto& [stage, t] : s.seconds) j["stage_seconds"][stage] = t, total += t;
+  j["seconds"] = total;
+  for (const auto& h : s.history)
+    j["history"].push_back({{"step", h.step}, {"error_estimate_mm", number(h.error_estimate_mm)}, {"largest_increment_mm", number(h.largest_increment_mm)}, {"convergence_rate", h.convergence_rate}});
+  return j;
+}
+
+void write_nodes(const std::filesystem::path& directory, const Cloud& cloud, const Solution& solution) {
+  write_displacements(directory / "nodes.csv", cloud.nodes, solution.displacement);
+  PointData u{"displacement", 3, {}};
+  for (const Vec3d& d : solution.displacement)
+    for (int c = 0; c < 3; ++c) u.values.push_back(float(d[c]));
+  write_vtu(directory / "nodes.vtu", cloud.nodes, {u});
+}
+
+}  // namespace mtled
