@@ -176,7 +176,7 @@ IntegrationPoints place_points(const Cloud& cloud, const std::vector<Cell>& kind
     cells[a] = int(std::ceil((l.size[std::size_t(a)] - 1) / edge[a]));
   }
   constexpr int point_samples = samples_per_point[0] * samples_per_point[1] * samples_per_point[2];
-  std::vector<IntegrationPoints> layer(std::size_t(cells[2]));
+  std::vector<IntegrationPoints> layer(static_cast<std::size_t>(cells[2]));
   parallel_for(layer.size(), [&](std::size_t k) {
     for (int j = 0; j < cells[1]; ++j)
       for (int i = 0; i < cells[0]; ++i) {
@@ -200,7 +200,7 @@ IntegrationPoints place_points(const Cloud& cloud, const std::vector<Cell>& kind
         append_point(sum, point_samples, edge[0] * edge[1] * edge[2] * h * h * h, options, layer[k]);
       }
   }, 1);
-  std::vector<IntegrationPoints> coupled(std::size_t(l.size[2]));
+  std::vector<IntegrationPoints> coupled(static_cast<std::size_t>(l.size[2]));
   parallel_for(coupled.size() - 1, [&](std::size_t k) {
     for (int j = 0; j + 1 < l.size[1]; ++j)
       for (int i = 0; i + 1 < l.size[0]; ++i) {

@@ -104,22 +104,19 @@ void require_held(const SlotModel<Real>& model, const Cloud& cloud, const Constr
     const std::size_t n = std::size_t(constraints.node[b]);
     fixed[pieces.root(model.layout.slot_of_node[n])].push_back({cloud.nodes[n], constraints.fixed[b]});
   }
-  std::map<int, std::pair<std::size_t, Vec3d>> free_pieces;  // nodes and one position
+  std::map<int, std::pair<std::size_t, Vec3d>> with_points;  // number of points and the place of one
   for (std::size_t p = 0; p < t.stencil.size(); ++p) {
     if (t.stencil[p] < 0) continue;
-    const int root = pieces.root(t.base[p] + t.offset[std::size_t(t.begin[std::size_t(t.stencil[p])])]);
-    if (fixed.count(root) && fixed[root].size() > 0) continue;
-    auto& [count, place] = free_pieces[root];
+    auto& [count, place] = with_points[pieces.root(t.base[p] + t.offset[std::size_t(t.begin[std::size_t(t.stencil[p])])])];
     ++count, place = model.points->position[p];
   }
-  for (const auto& [root, piece] : free_pieces)
-    fail(Failure::input, "a part of the body of ", piece.first, " integration points, around (", piece.second.x, ", ", piece.second.y, ", ",
-         piece.second.z, ") mm, is not connected to any prescribed displacement and could float away; remove it from the mask, or prescribe its motion");
-  for (const auto& [root, nodes] : fixed) {
-    const int held = held_motions(nodes);
-    require(held == 6, "the prescribed displacements leave ", 6 - held, " rigid motions of the body free (", nodes.size(),
-            " constrained nodes, the first at (", nodes[0].first.x, ", ", nodes[0].first.y, ", ", nodes[0].first.z,
-            ") mm); prescribe three components at three nodes that are not on one line, or the like");
+  for (const auto& [root, piece] : with_points) {
+    const auto& [count, place] = piece;
+    const std::string where = concatenate("(a part of ", count, " integration points, around (", place.x, ", ", place.y, ", ", place.z, ") mm)");
+    require(fixed.count(root), "part of the body ", where, " is connected to no prescribed displacement and could float away; remove it from the mask, or prescribe its motion");
+    const int held = held_motions(fixed[root]);
+    require(held == 6, "the prescribed displacements leave ", 6 - held, " rigid motions of the body free ", where,
+            "; prescribe three components at three nodes that are not on one line, or the like");
   }
 }
 

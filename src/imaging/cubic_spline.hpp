@@ -3,8 +3,8 @@
 
 namespace mtled {
 
-/// Interpolating cubic B-spline of a scalar image with mirror boundaries (Unser 1999). Copies the image's grid and keeps
-/// its coefficients (one float a voxel); evaluation is safe from many threads.
+/// Interpolating cubic B-spline of a scalar image with mirror boundaries (Unser 1999). Copies the image's grid and
+/// keeps its coefficients (one float a voxel); evaluation is safe from many threads.
 class CubicSpline {
  public:
   explicit CubicSpline(const Image& image);

@@ -73,8 +73,8 @@ void draw_text_on_image(Picture& picture, int left, int top, const std::string& 
 }
 
 Color viridis(double t) {
-  constexpr Color anchors[] = {{68, 1, 84},    {71, 44, 122},  {59, 81, 139},  {44, 113, 142}, {33, 144, 141},
-                               {39, 173, 129}, {92, 200, 99},  {170, 220, 50}, {253, 231, 37}};
+  constexpr Color anchors[] = {{68, 1, 84},    {71, 44, 122}, {59, 81, 139},  {44, 113, 142}, {33, 144, 141},
+                               {39, 173, 129}, {92, 200, 99}, {170, 220, 50}, {253, 231, 37}};
   constexpr int intervals = int(std::size(anchors)) - 1;
   const double position = std::clamp(t, 0.0, 1.0) * intervals;
   const int low = std::min(int(position), intervals - 1);

@@ -28,8 +28,8 @@ struct Directed {
   std::vector<double> consistent;  ///< [mm] those that pass the round trip
 };
 
-Directed directed_distances(const std::vector<Vec3d>& from, const NearestPoint& nearest_from, const std::vector<Vec3d>& to,
-                            const NearestPoint& nearest_to, double round_trip_mm) {
+Directed directed_distances(const std::vector<Vec3d>& from, const NearestPoint& nearest_from,
+                            const std::vector<Vec3d>& to, const NearestPoint& nearest_to, double round_trip_mm) {
   Directed result;
   result.all.resize(from.size());
   std::vector<std::uint8_t> passes(from.size());
@@ -59,7 +59,8 @@ double mean_up_to(const std::vector<double>& values, double limit) {
 }
 
 double fraction_below(const std::vector<double>& a, const std::vector<double>& b, double limit) {
-  const auto below = [limit](double v) { return v < limit; };
+  const double strictly = limit * (1 - 1e-9);  // distances on a voxel grid often equal the limit but for rounding
+  const auto below = [strictly](double v) { return v < strictly; };
   const auto count = std::count_if(a.begin(), a.end(), below) + std::count_if(b.begin(), b.end(), below);
   return double(count) / double(a.size() + b.size());
 }
@@ -97,7 +98,8 @@ EdgeDistance compare_edges(const Mask& edges_a, const Mask& edges_b, double roun
 }
 
 PointErrors point_errors(const std::vector<Vec3d>& a, const std::vector<Vec3d>& b) {
-  require(a.size() == b.size(), "cannot compare ", a.size(), " points with ", b.size(), "; both lists need the same points "
+  require(a.size() == b.size(), "cannot compare ", a.size(), " points with ", b.size(),
+          "; both lists need the same points "
           "in the same order");
   require(!a.empty(), "no points to compare; give at least one pair");
   PointErrors result;

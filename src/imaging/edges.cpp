@@ -36,7 +36,8 @@ Image smoothed_derivative(const Image& image, double sigma_mm, int axis) {
   Image derivative(image.grid);
   const float per_mm = float(1 / image.grid.spacing[axis]);  // the filter differentiates by index
   const float* values = result->GetBufferPointer();
-  for_each_voxel(image.grid, [&](int, int, int, std::size_t voxel) { derivative.data[voxel] = per_mm * values[voxel]; });
+  for_each_voxel(image.grid,
+                 [&](int, int, int, std::size_t voxel) { derivative.data[voxel] = per_mm * values[voxel]; });
   return derivative;
 }
 
@@ -76,8 +77,8 @@ bool value_at_index(const Image& image, const Vec3d& index, double& value) {
   return true;
 }
 
-/// True where the gradient's magnitude is largest along the physical direction of the gradient. Compared with the values
-/// where that line leaves the 3x3x3 neighbourhood; a voxel whose line leaves the image is no edge.
+/// True where the gradient's magnitude is largest along the physical direction of the gradient. Compared with the
+/// values where that line leaves the 3x3x3 neighbourhood; a voxel whose line leaves the image is no edge.
 bool is_ridge(const Gradient& g, int i, int j, int k, std::size_t voxel) {
   Vec3d step;
   double largest = 0;
@@ -89,7 +90,8 @@ bool is_ridge(const Gradient& g, int i, int j, int k, std::size_t voxel) {
   step = (1 / largest) * step;
   const Vec3d here{double(i), double(j), double(k)};
   double ahead, behind;
-  if (!value_at_index(g.magnitude, here + step, ahead) || !value_at_index(g.magnitude, here - step, behind)) return false;
+  if (!value_at_index(g.magnitude, here + step, ahead) || !value_at_index(g.magnitude, here - step, behind))
+    return false;
   const double m = g.magnitude.data[voxel];
   return m > ahead && m >= behind;
 }
@@ -126,8 +128,9 @@ Mask canny_edges(const Image& image, const CannyOptions& options, const Mask* wh
   require(options.sigma_mm > 0, "smoothing of the edges is ", options.sigma_mm, " mm; give a positive width such as 2");
   require(options.lower_threshold > 0 && options.upper_threshold >= options.lower_threshold, "edge thresholds ",
           options.lower_threshold, " and ", options.upper_threshold, " per mm are not 0 < lower <= upper");
-  require(!where || same_grid(image.grid, where->grid), "the image and the mask of its edges lie on different grids; resample "
-          "the mask to the image");
+  require(!where || same_grid(image.grid, where->grid),
+          "the image and the mask of its edges lie on different grids; "
+          "resample the mask to the image");
   const Gradient g = smoothed_gradient(image, options.sigma_mm);
   Mask state(image.grid);
   for_each_voxel(image.grid, [&](int i, int j, int k, std::size_t v) {

@@ -1,5 +1,4 @@
 #pragma once
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -8,43 +7,54 @@
 namespace mtled {
 
 struct CannyOptions {
-  double sigma_mm = 2.0;         ///< Gaussian smoothing
-  double lower_threshold = 15;   ///< [intensity/mm] hysteresis
-  double upper_threshold = 40;
+  double sigma_mm = 2.0;        ///< Gaussian smoothing, the same along all axes
+  double lower_threshold = 15;  ///< [intensity/mm] an edge is followed down to this gradient
+  double upper_threshold = 40;  ///< [intensity/mm] and starts at this one
 };
-/// 3-D Canny edges (ITK), only inside `where` if it is given. Same parameters for both images of a comparison.
+/// 3-D edges after Canny (1986) in physical space, one voxel thick: Gaussian gradient, non-maximum suppression along
+/// the gradient, hysteresis over 26 neighbours; only inside `where` if it is given (what lies outside does not start an
+/// edge). ITK's filter takes derivatives per voxel, so that its thresholds depend on spacing and direction; this one's
+/// are per mm. Voxels whose gradient points out of the image are no edges; axes of fewer than four voxels are not
+/// differentiated. Use the same options for both images of a comparison. Input errors: thresholds, width, `where` on
+/// another grid.
 Mask canny_edges(const Image& image, const CannyOptions& options, const Mask* where);
 
-/// Directed distances between two edge sets [mm], percentile Hausdorff distance (Mostayed et al. 2013, Garlapati et al.
-/// 2015), with and without the round-trip consistency filter.
+/// Distances between the voxel centres of two edge sets [mm]: percentile Hausdorff distance (Mostayed et al. 2013,
+/// Garlapati et al. 2015), with and without the round-trip consistency filter. The filter removes large errors, so its
+/// figures are biased low: read them together with `kept` and with the figures for all edges. Percentiles interpolate
+/// linearly between order statistics.
 struct EdgeDistance {
-  std::size_t edges_a = 0, edges_b = 0;              ///< edge voxels
-  double kept_a = 0, kept_b = 0;                     ///< fraction that passes the round trip
-  std::vector<double> percents;                      ///< 60, 75, 85, 95
-  std::vector<double> hausdorff_mm;                  ///< per percent: max of both directions, consistent edges
-  std::vector<double> hausdorff_all_mm;              ///< the same for all edges
-  double mean_mm = 0;                                ///< mean distance, max of both directions, consistent edges
-  double modified_hausdorff_mm = 0;                  ///< M-HD (Sim, Kwon, Park 1999): mean of min(d, 10 mm), max of both
-  double within_two_voxels = 0;                      ///< fraction of consistent edges (both directions pooled) closer than
-                                                     ///< twice the largest voxel spacing
-  double within_two_voxels_all = 0;                  ///< the same for all edges
+  std::size_t edges_a = 0, edges_b = 0;  ///< edge voxels
+  double kept_a = 0, kept_b = 0;         ///< fraction that passes the round trip
+  std::vector<double> percents;          ///< 60, 75, 85, 95
+  std::vector<double> hausdorff_mm;      ///< per percent: max of both directions, consistent edges
+  std::vector<double> hausdorff_all_mm;  ///< the same for all edges
+  double mean_mm = 0;                    ///< mean distance, max of both directions, consistent edges
+  double modified_hausdorff_mm = 0;      ///< M-HD (Sim, Kwon, Park 1999): mean of min(d, 10 mm), max of both
+                                         ///< directions, all edges
+  double within_two_voxels = 0;          ///< fraction of consistent edges (both directions pooled) closer than
+                                         ///< twice the largest voxel spacing of either grid
+  double within_two_voxels_all = 0;      ///< the same for all edges
 };
-/// `round_trip_mm`: x is consistent when nearest_a(nearest_b(x)) lies within it.
+/// `round_trip_mm`: x is consistent when nearest_a(nearest_b(x)) lies within it, or x itself is as near. The grids may
+/// differ. Throws an input error when a set is empty.
 EdgeDistance compare_edges(const Mask& edges_a, const Mask& edges_b, double round_trip_mm);
 
-/// Distances of corresponding points [mm].
+/// Distances of corresponding points [mm]; percentiles as above.
 struct PointErrors {
   std::vector<double> distance_mm;
   double mean = 0, median = 0, percentile_95 = 0, maximum = 0;
 };
+/// Throws an input error when the lists differ in length or are empty.
 PointErrors point_errors(const std::vector<Vec3d>& a, const std::vector<Vec3d>& b);
 
 struct LabelOverlap {
   int label = 0;
-  double dice = 0;               ///< in [0, 1]
-  double hausdorff95_mm = 0;     ///< 95th percentile of surface distance, max of both directions; NaN if one is empty
+  double dice = 0;            ///< in [0, 1]
+  double hausdorff95_mm = 0;  ///< 95th percentile of the distance between the centres of surface voxels (a face
+                              ///< neighbour differs, or the image ends), max of both directions; NaN if one is empty
 };
-/// Per label that occurs in either image; both on the same grid (input error otherwise).
+/// Per label that occurs in either image, ascending; both on the same grid (input error otherwise).
 std::vector<LabelOverlap> label_overlap(const LabelImage& a, const LabelImage& b);
 
 }  // namespace mtled

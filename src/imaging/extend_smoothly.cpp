@@ -77,8 +77,8 @@ void pull(const VectorImage& coarse, const std::array<int, 3>& factors, VectorIm
   });
 }
 
-/// Gauss-Seidel on Laplace's equation in the unknown voxels, no flux through the border of the grid. Voxels of one colour
-/// have neighbours of the other colour only: parallel and deterministic.
+/// Gauss-Seidel on Laplace's equation in the unknown voxels, no flux through the border of the grid. Voxels of one
+/// colour have neighbours of the other colour only: parallel and deterministic.
 void relax(VectorImage& field, const Mask& known) {
   const Grid& grid = field.grid;
   const std::size_t stride[3] = {1, grid.offset(0, 1, 0), grid.offset(0, 0, 1)};
@@ -118,11 +118,13 @@ void fill_unknown(VectorImage& field, const Mask& known) {
 }  // namespace
 
 void extend_smoothly(VectorImage& field, const Mask& covered) {
-  require(field.grid == covered.grid, "the displacement and the mask of its covered voxels lie on different grids; "
+  require(field.grid == covered.grid,
+          "the displacement and the mask of its covered voxels lie on different grids; "
           "compute both on the same grid");
-  require(std::any_of(covered.data.begin(), covered.data.end(), [](auto c) { return c != 0; }),
-          "no voxel of the image lies in the deformed body; body and image are probably in different places: check their "
-          "origins and directions");
+  require(
+      std::any_of(covered.data.begin(), covered.data.end(), [](auto c) { return c != 0; }),
+      "no voxel of the image lies in the deformed body; body and image are probably in different places: check their "
+      "origins and directions");
   fill_unknown(field, covered);
 }
 

@@ -11,11 +11,18 @@ struct Picture {
   int width = 0, height = 0;
   std::vector<unsigned char> rgb;
 };
-/// Three orthogonal slices through the middle of the fixed image with the edges of another image on top: columns axial,
-/// coronal, sagittal; rows: one per entry of `candidates` (e.g. before, rigid, mtled), each titled in the picture.
-struct Candidate { std::string title; const Image* image; };
+/// An image to compare with the fixed one, on any grid.
+struct Candidate {
+  std::string title;  ///< ASCII
+  const Image* image;
+};
+/// Axial, coronal and sagittal slices (LPS, whatever the direction of the voxels) through the middle of the fixed image
+/// in grey, with the candidate's edges in orange: where they leave the grey outlines, the images disagree. One row per
+/// candidate (e.g. before, rigid, mtled). Soft-tissue window for CT, percentiles otherwise; letters name the patient's
+/// sides (axial: left on the right, front up; coronal and sagittal: head up). Throws an input error without candidates.
 Picture overlay_figure(const Image& fixed, const std::vector<Candidate>& candidates);
-/// |u| on the three slices with a colour bar labelled in mm, on top of the moving image.
+/// |u| in colour, with lines at the labelled values [mm] of the colour bar, on the same three slices of the moving
+/// image; coloured where `covered` is not 0.
 Picture displacement_figure(const Image& moving, const VectorImage& displacement, const Mask& covered);
 
 }  // namespace mtled

@@ -1,156 +1,13 @@
 #include <algorithm>
-#include <limits>
 
 #include "core/error.hpp"
+#include "imaging/rest_position.hpp"
 #include "imaging/voxel_loop.hpp"
-#include "imaging/warp.hpp"
 
 namespace mtled {
 namespace {
 
 Vec3f to_float(const Vec3d& v) { return {float(v.x), float(v.y), float(v.z)}; }
-
-/// Trilinear value and derivative of a dense field; constant beyond the border of the grid.
-class TrilinearField {
- public:
-  explicit TrilinearField(const VectorImage& field) : field_(field) {
-    for (int a = 0; a < 3; ++a)
-      for (int b = 0; b < 3; ++b) to_index_[a][b] = field.grid.direction[b][a] / field.grid.spacing[a];
-  }
-  const Grid& grid() const { return field_.grid; }
-
-  /// u(X) [mm] and du/dX.
-  void evaluate(const Vec3d& X, Vec3d& u, Mat3d& gradient) const {
-    const Vec3d c = to_index_ * (X - field_.grid.origin);
-    int low[3], high[3];
-    double t[3], slope[3];
-    for (int a = 0; a < 3; ++a) {
-      const int last = field_.grid.size[a] - 1;
-      const double clamped = std::clamp(c[a], 0.0, double(last));
-      low[a] = std::min(int(clamped), std::max(last - 1, 0));
-      high[a] = std::min(low[a] + 1, last);
-      t[a] = clamped - low[a];
-      slope[a] = clamped == c[a] && high[a] > low[a] ? 1 : 0;
-    }
-    u = {};
-    Vec3d along[3];
-    for (int corner = 0; corner < 8; ++corner) {
-      const bool i = corner & 1, j = corner & 2, k = corner & 4;
-      const Vec3f& value = field_.at(i ? high[0] : low[0], j ? high[1] : low[1], k ? high[2] : low[2]);
-      const Vec3d v{value.x, value.y, value.z};
-      const double x = i ? t[0] : 1 - t[0], y = j ? t[1] : 1 - t[1], z = k ? t[2] : 1 - t[2];
-      u += (x * y * z) * v;
-      along[0] += (i ? y * z : -y * z) * v;
-      along[1] += (j ? x * z : -x * z) * v;
-      along[2] += (k ? x * y : -x * y) * v;
-    }
-    for (int r = 0; r < 3; ++r)
-      for (int b = 0; b < 3; ++b) {
-        gradient[r][b] = 0;
-        for (int a = 0; a < 3; ++a) gradient[r][b] += slope[a] * along[a][r] * to_index_[a][b];
-      }
-  }
-
- private:
-  const VectorImage& field_;
-  Mat3d to_index_;
-};
-
-enum class Outcome { covered, outside, unresolved };
-
-/// Solves X + u(X) = y at one point: Newton on the dense field, then Broyden's method on the true u from there.
-/// Steps are halved until the residual falls, so the iteration also converges where |grad u| >= 1 (plain fixed-point
-/// iteration does not).
-class SolveForRestPosition {
- public:
-  SolveForRestPosition(const VectorImage& dense, const DisplacementFunction& u, double tolerance_mm)
-      : dense_(dense), u_(u), tolerance_(tolerance_mm),
-        smallest_spacing_(std::min({dense.grid.spacing.x, dense.grid.spacing.y, dense.grid.spacing.z})) {}
-
-  /// On `covered`, |X + u(X) - y| = residual <= tolerance.
-  Outcome operator()(const Vec3d& y, Vec3d& X, double& residual) const {
-    X = solve_on_dense_field(y);
-    return solve_on_true_field(y, X, residual);
-  }
-
- private:
-  static constexpr int dense_iterations = 25, true_iterations = 25;
-  static constexpr double smallest_determinant = 0.05;  ///< below it the dense field is (almost) folded: J = I instead
-
-  static Mat3d jacobian(Mat3d gradient) {
-    for (int a = 0; a < 3; ++a) gradient[a][a] += 1;
-    return determinant(gradient) < smallest_determinant ? Mat3d::identity() : gradient;
-  }
-
-  Vec3d solve_on_dense_field(const Vec3d& y) const {
-    Vec3d X = y, u, best = y, step;
-    Mat3d gradient;
-    double smallest = std::numeric_limits<double>::infinity();
-    for (int iteration = 0; iteration < dense_iterations; ++iteration) {
-      dense_.evaluate(X, u, gradient);
-      const Vec3d r = X + u - y;
-      if (norm(r) < smallest) {
-        smallest = norm(r);
-        best = X;
-        if (smallest <= tolerance_) break;
-        step = inverse(jacobian(gradient)) * r;
-      } else {
-        step = 0.5 * step;
-      }
-      X = best - step;
-    }
-    return best;
-  }
-
-  Outcome solve_on_true_field(const Vec3d& y, Vec3d& X, double& residual) const {
-    Vec3d u;
-    Mat3d gradient;
-    if (!u_(X, u)) return Outcome::outside;
-    Vec3d r = X + u - y;
-    residual = norm(r);
-    if (residual <= tolerance_) return Outcome::covered;
-    dense_.evaluate(X, u, gradient);
-    Mat3d J = jacobian(gradient);
-    Vec3d step = inverse(J) * r;
-    for (int iteration = 0; iteration < true_iterations; ++iteration) {
-      const Vec3d trial = X - step;
-      if (!u_(trial, u)) {  // the way to the solution leaves the body
-        if (norm(step) < 0.25 * smallest_spacing_) return Outcome::outside;
-        step = 0.5 * step;
-        continue;
-      }
-      const Vec3d trial_r = trial + u - y;
-      if (norm(trial_r) <= tolerance_) {
-        X = trial;
-        residual = norm(trial_r);
-        return Outcome::covered;
-      }
-      learn(J, Vec3d{} - step, trial_r - r);
-      if (norm(trial_r) < residual) {
-        X = trial;
-        r = trial_r;
-        residual = norm(r);
-        step = inverse(J) * r;
-      } else {
-        step = 0.5 * step;
-      }
-    }
-    return Outcome::unresolved;
-  }
-
-  /// Broyden's update: the matrix nearest to J that maps dX to dr (Broyden 1965); I where that would be singular.
-  static void learn(Mat3d& J, const Vec3d& dX, const Vec3d& dr) {
-    const Vec3d error = dr - J * dX;
-    const double scale = 1 / squared_norm(dX);
-    for (int a = 0; a < 3; ++a)
-      for (int b = 0; b < 3; ++b) J[a][b] += scale * error[a] * dX[b];
-    if (determinant(J) < smallest_determinant) J = Mat3d::identity();
-  }
-
-  TrilinearField dense_;
-  const DisplacementFunction& u_;
-  double tolerance_, smallest_spacing_;
-};
 
 }  // namespace
 
@@ -168,28 +25,32 @@ DenseField forward_field(const Grid& moving_grid, const DisplacementFunction& u)
 
 DenseField inverse_field(const Grid& fixed_grid, const DenseField& forward, const DisplacementFunction& u,
                          double tolerance_mm, InverseStatistics& statistics) {
-  require(tolerance_mm > 0, "tolerance of the inverse displacement is ", tolerance_mm, " mm, but no iteration reaches zero; "
+  require(tolerance_mm > 0, "tolerance of the inverse displacement is ", tolerance_mm,
+          " mm, but no iteration reaches zero; "
           "give a positive value such as 0.01");
   const SolveForRestPosition solve(forward.displacement, u, tolerance_mm);
   DenseField inverse{VectorImage(fixed_grid), Mask(fixed_grid)};
   std::vector<InverseStatistics> of_slice(std::size_t(fixed_grid.size[2]));
-  parallel_for(of_slice.size(), [&](std::size_t slice) {
-    const int k = int(slice);
-    for (int j = 0; j < fixed_grid.size[1]; ++j)
-      for (int i = 0; i < fixed_grid.size[0]; ++i) {
-        const Vec3d y = fixed_grid.point(i, j, k);
-        Vec3d X;
-        double residual = 0;
-        const Outcome outcome = solve(y, X, residual);
-        if (outcome == Outcome::unresolved) ++of_slice[slice].unresolved;
-        if (outcome != Outcome::covered) continue;
-        const std::size_t voxel = fixed_grid.offset(i, j, k);
-        inverse.displacement.data[voxel] = to_float(X - y);
-        inverse.covered.data[voxel] = 1;
-        of_slice[slice].largest_residual_mm = std::max(of_slice[slice].largest_residual_mm, residual);
-        ++of_slice[slice].covered;
-      }
-  }, 1);
+  parallel_for(
+      of_slice.size(),
+      [&](std::size_t slice) {
+        const int k = int(slice);
+        for (int j = 0; j < fixed_grid.size[1]; ++j)
+          for (int i = 0; i < fixed_grid.size[0]; ++i) {
+            const Vec3d y = fixed_grid.point(i, j, k);
+            Vec3d X;
+            double residual = 0;
+            const auto outcome = solve(y, X, residual);
+            if (outcome == SolveForRestPosition::Outcome::unresolved) ++of_slice[slice].unresolved;
+            if (outcome != SolveForRestPosition::Outcome::covered) continue;
+            const std::size_t voxel = fixed_grid.offset(i, j, k);
+            inverse.displacement.data[voxel] = to_float(X - y);
+            inverse.covered.data[voxel] = 1;
+            of_slice[slice].largest_residual_mm = std::max(of_slice[slice].largest_residual_mm, residual);
+            ++of_slice[slice].covered;
+          }
+      },
+      1);
   statistics = {};
   for (const InverseStatistics& slice : of_slice) {
     statistics.largest_residual_mm = std::max(statistics.largest_residual_mm, slice.largest_residual_mm);

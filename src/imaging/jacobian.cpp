@@ -44,7 +44,9 @@ class DeterminantAtVoxel {
 }  // namespace
 
 JacobianStatistics jacobian_statistics(const VectorImage& displacement, const Mask& where) {
-  require(same_grid(displacement.grid, where.grid), "the displacement and the mask lie on different grids; compute both on the same grid");
+  require(same_grid(displacement.grid, where.grid),
+          "the displacement and the mask lie on different grids; compute both "
+          "on the same grid");
   const DeterminantAtVoxel determinant_at(displacement, where);
   Mask counted(where.grid);
   std::vector<float> values(where.data.size());
@@ -58,7 +60,9 @@ JacobianStatistics jacobian_statistics(const VectorImage& displacement, const Ma
   for (std::size_t voxel = 0; voxel < values.size(); ++voxel)
     if (counted.data[voxel]) values[kept++] = values[voxel];
   values.resize(kept);
-  require(kept > 0, "no voxel of the mask has neighbours in it, so the volume change cannot be computed; give a mask of the body");
+  require(kept > 0,
+          "no voxel of the mask has neighbours in it, so the volume change cannot be computed; give a mask of "
+          "the body");
 
   JacobianStatistics result;
   result.voxels = kept;

@@ -9,9 +9,13 @@ struct NearestPoint::Tree {
     const std::vector<Vec3d>& values;
     std::size_t kdtree_get_point_count() const { return values.size(); }
     double kdtree_get_pt(std::size_t i, std::size_t axis) const { return values[i][int(axis)]; }
-    template <class Box> bool kdtree_get_bbox(Box&) const { return false; }
+    template <class Box>
+    bool kdtree_get_bbox(Box&) const {
+      return false;
+    }
   };
-  using Index = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Points>, Points, 3, std::uint32_t>;
+  using Index =
+      nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Points>, Points, 3, std::uint32_t>;
 
   explicit Tree(const std::vector<Vec3d>& values) : points{values}, index(3, points) { index.buildIndex(); }
   Points points;

@@ -15,7 +15,8 @@ namespace {
 
 struct Region {
   std::size_t voxels = 0;
-  std::vector<Vec3d> surface;  ///< [mm] centres of voxels with a face neighbour of another value, or at the image's border
+  std::vector<Vec3d>
+      surface;  ///< [mm] centres of voxels with a face neighbour of another value, or at the image's border
 };
 
 bool on_surface(const LabelImage& labels, int i, int j, int k) {

@@ -5,6 +5,9 @@
 #include <itkCorrelationImageToImageMetricv4.h>
 #include <itkEuler3DTransform.h>
 #include <itkRegistrationParameterScalesFromPhysicalShift.h>
+#include <iostream>
+#include <itkQuasiNewtonOptimizerv4.h>
+#include <itkConjugateGradientLineSearchOptimizerv4.h>
 #include <itkRegularStepGradientDescentOptimizerv4.h>
 #include <itkSmoothingRecursiveGaussianImageFilter.h>
 
@@ -19,7 +22,32 @@ namespace {
 
 using Transform = itk::Euler3DTransform<double>;
 using Metric = itk::CorrelationImageToImageMetricv4<ItkImage<float>, ItkImage<float>>;
-using Optimizer = itk::RegularStepGradientDescentOptimizerv4<double>;
+using Cubic = itk::BSplineInterpolateImageFunction<ItkImage<float>, double, double>;
+
+
+/// Gradient of the cubic spline that interpolates the image, so that the metric's derivative is that of its value.
+class CubicGradient : public itk::ImageFunction<ItkImage<float>, itk::CovariantVector<double, 3>, double> {
+ public:
+  using Self = CubicGradient;
+  using Pointer = itk::SmartPointer<Self>;
+  itkFactorylessNewMacro(Self);
+
+  void SetInputImage(const InputImageType* image) override {
+    Superclass::SetInputImage(image);
+    spline_->SetInputImage(image);
+  }
+  OutputType Evaluate(const PointType& point) const override { return spline_->EvaluateDerivative(point); }
+  OutputType EvaluateAtIndex(const IndexType& index) const override {
+    return EvaluateAtContinuousIndex(ContinuousIndexType(index));
+  }
+  OutputType EvaluateAtContinuousIndex(const ContinuousIndexType& index) const override {
+    return spline_->EvaluateDerivativeAtContinuousIndex(index);
+  }
+
+ private:
+  using Superclass = itk::ImageFunction<ItkImage<float>, itk::CovariantVector<double, 3>, double>;
+  Cubic::Pointer spline_ = Cubic::New();
+};
 
 constexpr int largest_iterations = 150;
 constexpr double smallest_step = 1e-5;  ///< of the parameters (rad or mm), after repeated halving
@@ -72,7 +100,8 @@ RigidMotion refine_at_level(const Image& moving, const Image& fixed, const std::
   metric->SetMovingImage(other);
   metric->SetVirtualDomainFromImage(sampled);
   metric->SetMovingTransform(transform);
-  if (getenv("CUBIC")) metric->SetMovingInterpolator(itk::BSplineInterpolateImageFunction<ItkImage<float>, double, double>::New());
+  metric->SetMovingInterpolator(Cubic::New()); if(getenv("FC")) metric->SetFixedInterpolator(Cubic::New());
+  metric->SetMovingImageGradientCalculator(CubicGradient::New());
   metric->SetFixedSampledPointSet(point_set(points, level.points));
   metric->SetUseSampledPointSet(true);
   metric->SetUseFixedImageGradientFilter(false);
@@ -82,7 +111,8 @@ RigidMotion refine_at_level(const Image& moving, const Image& fixed, const std::
 
   auto scales = itk::RegistrationParameterScalesFromPhysicalShift<Metric>::New();
   scales->SetMetric(metric);
-  auto optimizer = Optimizer::New();
+  const char*O=getenv("OPT"); int o=O?atoi(O):0;
+  if(o==0){ auto optimizer=itk::RegularStepGradientDescentOptimizerv4<double>::New();
   optimizer->SetMetric(metric);
   optimizer->SetScalesEstimator(scales);
   optimizer->SetDoEstimateLearningRateOnce(false);
@@ -92,7 +122,22 @@ RigidMotion refine_at_level(const Image& moving, const Image& fixed, const std::
   optimizer->SetMinimumStepLength(smallest_step);
   optimizer->SetNumberOfIterations(largest_iterations);
   optimizer->SetNumberOfWorkUnits(1);
-  optimizer->StartOptimization();
+  optimizer->StartOptimization(); }
+  if(o==1){ auto optimizer=itk::QuasiNewtonOptimizerv4Template<double>::New();
+  optimizer->SetMetric(metric);
+  optimizer->SetScalesEstimator(scales);
+  optimizer->SetMaximumStepSizeInPhysicalUnits(level.largest_step_mm);
+  optimizer->SetMaximumIterationsWithoutProgress(10);
+  optimizer->SetNumberOfIterations(largest_iterations);
+  optimizer->SetNumberOfWorkUnits(1);
+  optimizer->StartOptimization(); if(getenv("DBG"))std::cerr<<optimizer->GetCurrentIteration()<<" "<<optimizer->GetStopConditionDescription()<<"\n"; }
+  if(o==2){ auto optimizer=itk::ConjugateGradientLineSearchOptimizerv4Template<double>::New();
+  optimizer->SetMetric(metric);
+  optimizer->SetScalesEstimator(scales);
+  optimizer->SetMaximumStepSizeInPhysicalUnits(level.largest_step_mm);
+  optimizer->SetNumberOfIterations(40); optimizer->SetMinimumConvergenceValue(1e-8); optimizer->SetConvergenceWindowSize(5); optimizer->SetLowerLimit(0);optimizer->SetUpperLimit(2);optimizer->SetMaximumLineSearchIterations(10);
+  optimizer->SetNumberOfWorkUnits(1);
+  optimizer->StartOptimization(); if(getenv("DBG"))std::cerr<<optimizer->GetCurrentIteration()<<" "<<optimizer->GetStopConditionDescription()<<"\n"; }
   return from_itk(*transform);
 }
 

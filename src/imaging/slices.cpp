@@ -48,7 +48,9 @@ Grid slice_grid(const Grid& image, const Vec3d& through, Plane plane, double pix
     slice.direction[a][2] = normal[a];
   }
   const Vec3d on_plane = center + dot(normal, through - center) * normal;
-  slice.origin = on_plane - (0.5 * (slice.size[0] - 1) * pixel_mm) * across - (0.5 * (slice.size[1] - 1) * pixel_mm) * downward;
+  const double to_first_column = 0.5 * (slice.size[0] - 1) * pixel_mm,
+               to_first_row = 0.5 * (slice.size[1] - 1) * pixel_mm;
+  slice.origin = on_plane - to_first_column * across - to_first_row * downward;
   return slice;
 }
 

@@ -13,12 +13,12 @@ namespace {
 
 /// `source` at position(i, j, k, voxel) for every voxel of `grid`.
 template <class Position>
-Image sample(const Image& source, const Grid& grid, const Position& position, Interpolation interpolation, float outside) {
+Image sample(const Image& source, const Grid& grid, const Position& position, Interpolation interpolation,
+             float outside) {
   Image result(grid);
   const auto fill = [&](const auto& value_at) {
-    for_each_voxel(grid, [&](int i, int j, int k, std::size_t voxel) {
-      result.data[voxel] = value_at(position(i, j, k, voxel));
-    });
+    for_each_voxel(
+        grid, [&](int i, int j, int k, std::size_t voxel) { result.data[voxel] = value_at(position(i, j, k, voxel)); });
   };
   switch (interpolation) {
     case Interpolation::nearest:
@@ -70,7 +70,8 @@ Image warp_image_rigidly(const Image& moving, const Grid& fixed_grid, const Rigi
   return sample(moving, fixed_grid, position, interpolation, outside);
 }
 
-std::vector<Vec3d> warp_points(const std::vector<Vec3d>& points, const DisplacementFunction& u, const VectorImage& dense) {
+std::vector<Vec3d> warp_points(const std::vector<Vec3d>& points, const DisplacementFunction& u,
+                               const VectorImage& dense) {
   constexpr double nan = std::numeric_limits<double>::quiet_NaN();
   std::vector<Vec3d> warped(points.size());
   parallel_for(points.size(), [&](std::size_t p) {
@@ -95,8 +96,8 @@ Image resample(const Image& image, const Vec3d& spacing_mm) {
     first[a] = (grid.spacing[a] / image.grid.spacing[a] - 1) / 2;
   }
   grid.origin = image.grid.point(first);
-  return sample(image, grid, [&](int i, int j, int k, std::size_t) { return grid.point(i, j, k); }, Interpolation::linear,
-                0);
+  return sample(
+      image, grid, [&](int i, int j, int k, std::size_t) { return grid.point(i, j, k); }, Interpolation::linear, 0);
 }
 
 LabelImage resample_labels(const LabelImage& labels, const Grid& grid) {
@@ -111,8 +112,8 @@ LabelImage resample_labels(const LabelImage& labels, const Grid& grid) {
   });
   const Vec3d p = labels.grid.origin, q = grid.origin;
   require(std::any_of(inside.data.begin(), inside.data.end(), [](auto in) { return in != 0; }),
-          "the label image and the image it belongs to do not overlap in space (origins ", p.x, " ", p.y, " ", p.z, " and ",
-          q.x, " ", q.y, " ", q.z, " mm); check that the labels were drawn on this image");
+          "the label image and the image it belongs to do not overlap in space (origins ", p.x, " ", p.y, " ", p.z,
+          " and ", q.x, " ", q.y, " ", q.z, " mm); check that the labels were drawn on this image");
   return result;
 }
 

@@ -18,41 +18,52 @@ struct DenseField {
 };
 
 /// Forward field on the moving grid: voxel X -> X + u(X). Outside the body: smooth extension (see extend_smoothly).
+/// Throws an input error when u covers no voxel.
 DenseField forward_field(const Grid& moving_grid, const DisplacementFunction& u);
 
 struct InverseStatistics {
-  double largest_residual_mm = 0;  ///< of |X + u(X) - y| over covered voxels
+  double largest_residual_mm = 0;  ///< of |X + u(X) - y| over covered voxels; at most the tolerance
   std::size_t covered = 0;         ///< voxels y that have an X in the body
-  std::size_t unresolved = 0;      ///< voxels y where the iteration stayed above the tolerance
+  std::size_t unresolved = 0;      ///< voxels y where the iteration stayed above the tolerance (folds); not covered
 };
 /// Inverse field on the fixed grid: voxel y -> X = y + v(y), found by iteration on the true u (start: `forward`, which
-/// may be coarser than the fixed grid), |X + u(X) - y| <= tolerance. Outside the deformed body: smooth extension.
+/// may be coarser than the fixed grid), |X + u(X) - y| <= tolerance_mm. Newton and Broyden steps: also where plain
+/// iteration X <- y - u(X) diverges. Outside the deformed body and where unresolved: smooth extension. Costs about one
+/// call of u per covered voxel when `forward` is as fine as the moving image. Throws an input error when the deformed
+/// body covers no voxel.
 DenseField inverse_field(const Grid& fixed_grid, const DenseField& forward, const DisplacementFunction& u,
                          double tolerance_mm, InverseStatistics& statistics);
 
-/// Fills the voxels where `covered` is 0 from the covered ones: coarse-to-fine averages (push-pull), which is continuous
-/// at the body's surface and constant far away. Throws when nothing is covered.
+/// Fills the voxels where `covered` is 0 from the covered ones: averages from coarse to fine (push-pull, Gortler et al.
+/// 1996), relaxed towards Laplace's equation on every level. Stays within the range of the covered values, is
+/// continuous at the body's surface and tends to a constant far away. Same bits for any number of threads. Throws an
+/// input error when nothing is covered or the grids differ.
 void extend_smoothly(VectorImage& field, const Mask& covered);
 
+/// Linear; interpolating cubic B-spline (Unser 1999), which is sharper and overshoots at steep edges; nearest voxel.
 enum class Interpolation { linear, cubic, nearest };
-/// moving(y + v(y)) on the grid of `inverse`; `outside` where that position is not in the moving image.
+/// moving(y + v(y)) on the grid of `inverse`; `outside` where that position is beyond the moving image's border voxels.
 Image warp_image(const Image& moving, const VectorImage& inverse, Interpolation interpolation, float outside);
+/// Label of the voxel nearest to y + v(y), 0 outside.
 LabelImage warp_labels(const LabelImage& labels, const VectorImage& inverse);
 /// The same for one rigid motion moving -> fixed (baseline).
 Image warp_image_rigidly(const Image& moving, const Grid& fixed_grid, const RigidMotion& motion,
                          Interpolation interpolation, float outside);
 /// X + u(X); where u does not cover X, the trilinear value of the dense field; NaN outside it.
-std::vector<Vec3d> warp_points(const std::vector<Vec3d>& points, const DisplacementFunction& u, const VectorImage& dense);
+std::vector<Vec3d> warp_points(const std::vector<Vec3d>& points, const DisplacementFunction& u,
+                               const VectorImage& dense);
 
 struct JacobianStatistics {
   double minimum = 0, percentile_1 = 0, median = 0, percentile_99 = 0, maximum = 0;  ///< of det(I + grad u)
-  std::size_t folded = 0;  ///< voxels with det <= 0
+  std::size_t folded = 0;                                                            ///< voxels with det <= 0
   std::size_t voxels = 0;  ///< counted voxels (inside `where`)
 };
-/// det(I + du/dX) by central differences on the voxel grid (one-sided at the border), physical spacing and direction.
+/// det(I + du/dX) by central differences between voxels of `where` (one-sided at its border), physical spacing and
+/// direction. A voxel without a neighbour in `where` along some axis is not counted. Throws an input error when none
+/// counts or the grids differ.
 JacobianStatistics jacobian_statistics(const VectorImage& displacement, const Mask& where);
 
-/// Linear resampling to another voxel spacing over the same extent (labels: nearest).
+/// Linear resampling over exactly the same extent, with the voxel spacing nearest to `spacing_mm` that divides it.
 Image resample(const Image& image, const Vec3d& spacing_mm);
 /// `labels` on `grid` by nearest neighbour; throws an input error when the two do not overlap in space.
 LabelImage resample_labels(const LabelImage& labels, const Grid& grid);

@@ -1,0 +1,85 @@
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "imaging/figure_layout.hpp"
+
+namespace mtled {
+namespace {
+
+constexpr int bar_width = 24, bar_labels = 90;  ///< [pixels] of the colour bar
+constexpr double color_weight = 0.65;           ///< of the displacement's colour against the image under it
+constexpr int darkest = 70,
+              brightest = 230;  ///< greys of the image under the displacement: colours stay readable on air
+
+/// Colours from 0 (bottom) to `largest` mm with labels at multiples of `step`.
+void draw_color_bar(Picture& picture, const Rectangle& bar, double largest, double step) {
+  for (int y = 0; y < bar.height; ++y)
+    fill(picture, {bar.left, bar.top + y, bar.width, 1}, viridis(1 - (y + 0.5) / bar.height));
+  for (int tick = 0; tick * step <= largest * (1 + 1e-9); ++tick) {
+    const int y = bar.top + int(std::lround((bar.height - 1) * (1 - tick * step / largest)));
+    fill(picture, {bar.left, y, bar.width + 6, 1}, black);
+    const int text_top = std::clamp(y - glyph_height / 2, bar.top - 2, bar.top + bar.height - glyph_height + 4);
+    draw_text(picture, bar.left + bar.width + 9, text_top, number(tick * step), black);
+  }
+}
+
+/// |u| [mm] on a slice where the body covers it; NaN elsewhere.
+Image displacement_on_slice(const VectorImage& displacement, const Mask& covered, const Grid& slice) {
+  Image length(slice, std::numeric_limits<float>::quiet_NaN());
+  for (int y = 0; y < slice.size[1]; ++y)
+    for (int x = 0; x < slice.size[0]; ++x) {
+      Vec3d u;
+      const Vec3d point = slice.point(x, y, 0);
+      if (nearest_value<std::uint8_t>(covered, point, 0) && linear_value(displacement, point, u))
+        length.at(x, y, 0) = float(norm(u));
+    }
+  return length;
+}
+
+/// The displacement's colours over a grey panel, with black lines at multiples of `step` [mm].
+void draw_displacement(Picture& panel, const Image& length, double largest, double step) {
+  const auto line_between = [step](float a, float b) { return std::floor(a / step) != std::floor(b / step); };
+  for (int y = 0; y < panel.height; ++y)
+    for (int x = 0; x < panel.width; ++x) {
+      const float value = length.at(x, y, 0);
+      if (std::isnan(value)) continue;
+      const float right = x + 1 < panel.width ? length.at(x + 1, y, 0) : value;
+      const float below = y + 1 < panel.height ? length.at(x, y + 1, 0) : value;
+      const bool line =
+          (!std::isnan(right) && line_between(value, right)) || (!std::isnan(below) && line_between(value, below));
+      const int grey = panel.rgb[3 * (std::size_t(y) * std::size_t(panel.width) + std::size_t(x))];
+      const auto under = static_cast<unsigned char>(darkest + grey * (brightest - darkest) / 255);
+      set_pixel(panel, x, y, line ? black : blend({under, under, under}, viridis(value / largest), color_weight));
+    }
+}
+
+}  // namespace
+
+Picture displacement_figure(const Image& moving, const VectorImage& displacement, const Mask& covered) {
+  const int bar_left = picture_width - bar_labels - bar_width;
+  const Layout layout = arrange(moving.grid, bar_left);
+  Picture picture = blank_picture(picture_width, margin + line_height + layout.row_height + margin, white);
+  const int top = margin + line_height;
+  draw_column_names(picture, layout, margin);
+
+  Image length[3];
+  double largest = 0;
+  for (int p = 0; p < 3; ++p) {
+    length[p] = displacement_on_slice(displacement, covered, refined(layout.slices[p], 2));
+    for (const float value : length[p].data) largest = std::max(largest, double(std::isnan(value) ? 0 : value));
+  }
+  if (largest == 0) largest = 1;
+  const double step = round_number_below(largest / 4);
+  const Window window = display_window(moving);
+  for (int p = 0; p < 3; ++p) {
+    Picture panel = grey_picture(on_slice(moving, length[p].grid), window);
+    draw_displacement(panel, length[p], largest, step);
+    paste_panel(picture, layout, p, top, halved(panel));
+  }
+  draw_text(picture, bar_left, margin, "|u| [mm]", black);
+  draw_color_bar(picture, {bar_left, top, bar_width, layout.row_height}, largest, step);
+  return picture;
+}
+
+}  // namespace mtled
