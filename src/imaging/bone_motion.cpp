@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <exception>
 
 #include "core/error.hpp"
+#include "core/parallel.hpp"
 #include "imaging/bone_starts.hpp"
 #include "imaging/label_region.hpp"
 #include "imaging/pose_search.hpp"
@@ -15,8 +15,11 @@ namespace {
 
 constexpr std::size_t fewest_voxels = 30;     ///< of a label that can be registered
 constexpr double crop_margin_mm = 15;         ///< room for the rest of the motion and for smoothing
+constexpr double noticeable_mm = 0.5;         ///< a rejected registration that differs less needs no warning
 constexpr double poor_similarity = 0.5;       ///< a label that correlates less deserves a look
-const std::vector<RegistrationLevel> label_levels{{1.5, 4000, 1}, {0, 8000, 0.2}};
+// First the label with its margin, which guides from afar; then the bone alone, because the soft tissue around it deforms
+// (it costs up to 1 deg for a vertebral body). Points off the voxel grid, so that both images are interpolated alike.
+const RegistrationLevel with_margin{1.5, 4000, 1}, bone_alone{1, 20000, 0.5};
 
 std::vector<Vec3d> moved(std::vector<Vec3d> points, const RigidMotion& motion) {
   for (Vec3d& point : points) point = motion.apply(point);
@@ -27,6 +30,19 @@ double fraction_inside(const std::vector<Vec3d>& points, const Image& image) {
   double inside = 0, ignored;
   for (const Vec3d& point : points) inside += linear_value(image, point, ignored);
   return inside / double(points.size());
+}
+
+/// Largest distance [mm] between the images of the points under two motions.
+double largest_distance(const std::vector<Vec3d>& points, const RigidMotion& a, const RigidMotion& b) {
+  double largest = 0;
+  for (const Vec3d& point : points) largest = std::max(largest, norm(a.apply(point) - b.apply(point)));
+  return largest;
+}
+
+/// `points` and `bone` are the label with and without its margin, in `from`.
+RigidMotion refine_label(const Image& from, const Image& to, const std::vector<Vec3d>& points, const std::vector<Vec3d>& bone,
+                         const RigidMotion& start) {
+  return refine_motion(from, to, bone, refine_motion(from, to, points, start, {with_margin}), {bone_alone});
 }
 
 /// What the registration of one label found, and what the user should know about it.
@@ -50,7 +66,7 @@ Outcome register_label(const Image& moving, const Image& fixed, const LabelRegio
   const Image moving_part = crop(moving, region.points, crop_margin_mm);
   const std::vector<Vec3d> there = moved(region.points, start.searched);
   const Image fixed_part = crop(fixed, there, crop_margin_mm);
-  const Samples samples = sample(moving_part, region.points, 0);
+  const Samples samples = sample(moving_part, region.voxels, 0);
   bone.similarity_before = similarity(samples, fixed, start.given);
   if (fraction_inside(there, fixed) < 0.5) {
     bone.similarity_after = bone.similarity_before;
@@ -59,14 +75,15 @@ Outcome register_label(const Image& moving, const Image& fixed, const LabelRegio
     return outcome;
   }
 
-  const RigidMotion forward = refine_motion(moving_part, fixed_part, region.points, start.searched, label_levels);
+  const RigidMotion forward = refine_label(moving_part, fixed_part, region.points, region.octants, start.searched);
   bone.similarity_after = similarity(samples, fixed, forward);
-  if (bone.similarity_after < bone.similarity_before) {
-    warn("was not improved by registration (correlation ", bone.similarity_before, " -> ", bone.similarity_after,
-         "): it keeps its start position");
-    bone.similarity_after = bone.similarity_before;
-  } else {
+  if (bone.similarity_after >= bone.similarity_before) {
     bone.motion.motion = forward;
+  } else {
+    if (largest_distance(region.voxels, start.given, forward) > noticeable_mm)
+      warn("was not improved by registration (correlation ", bone.similarity_before, " -> ", bone.similarity_after,
+           "): it keeps its start position");
+    bone.similarity_after = bone.similarity_before;
   }
   if (const double inside = fraction_inside(moved(region.voxels, bone.motion.motion), fixed); inside < 0.95)
     warn("lies partly outside the fixed image (", std::round(100 * (1 - inside)), " % of it)");
@@ -74,10 +91,9 @@ Outcome register_label(const Image& moving, const Image& fixed, const LabelRegio
     warn("matches the fixed image poorly (correlation ", bone.similarity_after, "): check its motion");
 
   if (options.check_inverse) {
-    const RigidMotion backward = refine_motion(fixed_part, moving_part, there, inverse(start.searched), label_levels);
-    for (const Vec3d& x : region.voxels)
-      bone.inverse_consistency_mm =
-          std::max(bone.inverse_consistency_mm, norm(backward.apply(bone.motion.motion.apply(x)) - x));
+    const RigidMotion backward =
+        refine_label(fixed_part, moving_part, there, moved(region.octants, start.searched), inverse(start.searched));
+    bone.inverse_consistency_mm = largest_distance(region.voxels, compose(backward, bone.motion.motion), {});
   }
   return outcome;
 }
@@ -135,15 +151,7 @@ BoneMotionResult estimate_bone_motions(const Image& moving, const Image& fixed, 
                    : starts_along_spine(moving, fixed, regions, register_rigidly(moving, fixed, nullptr, nullptr), options);
 
   std::vector<Outcome> outcomes(regions.size());
-  std::exception_ptr failure;
-#pragma omp parallel for schedule(dynamic, 1)
-  for (int r = 0; r < int(regions.size()); ++r) try {
-      outcomes[r] = register_label(moving, fixed, regions[r], starts[r], options);
-    } catch (...) {
-#pragma omp critical
-      failure = std::current_exception();
-    }
-  if (failure) std::rethrow_exception(failure);
+  parallel_for(regions.size(), [&](std::size_t r) { outcomes[r] = register_label(moving, fixed, regions[r], starts[r], options); }, 1);
 
   std::vector<LabelMotion> motions;
   for (Outcome& outcome : outcomes) {

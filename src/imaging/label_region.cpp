@@ -71,7 +71,12 @@ LabelRegion region_in(const LabelImage& labels, int label, const Box& box, doubl
     for (int j = 0; j < grid.size[1]; ++j)
       for (int i = 0; i < grid.size[0]; ++i) {
         const Vec3d x = grid.point(i, j, k);
-        if (inside.at(i, j, k)) region.voxels.push_back(x);
+        if (inside.at(i, j, k)) {
+          region.voxels.push_back(x);
+          for (int corner = 0; corner < 8; ++corner)
+            region.octants.push_back(grid.point(Vec3d{i + (corner & 1 ? 0.25 : -0.25), j + (corner & 2 ? 0.25 : -0.25),
+                                                      k + (corner & 4 ? 0.25 : -0.25)}));
+        }
         if (inside.at(i, j, k) || (around.at(i, j, k) && label_at(i, j, k) == 0)) region.points.push_back(x);
       }
   measure_shape(region);

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/parallel.hpp"
+
 namespace mtled {
 namespace {
 
@@ -15,11 +17,9 @@ void spread_along(std::vector<float>& distance, const Grid& grid, int axis, doub
   // Lines along i are handled one by one; along j and k, a whole row of i at a time, which the compiler vectorises.
   const int width = axis == 0 ? 1 : grid.size[0];
   const std::ptrdiff_t lines = std::ptrdiff_t(grid.count()) / (std::ptrdiff_t(n) * width);
-#pragma omp parallel
-  {
+  parallel_pieces(std::size_t(lines), 64, [&](std::size_t first, std::size_t last) {
     std::vector<float> line(std::size_t(n) * width);
-#pragma omp for schedule(static)
-    for (std::ptrdiff_t l = 0; l < lines; ++l) {
+    for (std::ptrdiff_t l = std::ptrdiff_t(first); l < std::ptrdiff_t(last); ++l) {
       const std::ptrdiff_t start = axis == 0   ? l * n
                                    : axis == 1 ? l * std::ptrdiff_t(grid.size[0]) * grid.size[1]
                                                : l * std::ptrdiff_t(grid.size[0]);
@@ -33,7 +33,7 @@ void spread_along(std::vector<float>& distance, const Grid& grid, int axis, doub
         }
       }
     }
-  }
+  });
 }
 
 /// Voxels within `radius_mm` of those that have `value`.

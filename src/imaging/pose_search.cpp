@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numeric>
 
+#include "core/parallel.hpp"
+
 namespace mtled {
 
 Samples sample(const Image& moving, const std::vector<Vec3d>& points, std::size_t count) {
@@ -66,18 +68,14 @@ Pose climb(const Samples& samples, const Image& fixed, const RigidMotion& start,
 
 Pose best_pose(const Samples& samples, const Image& fixed, const std::vector<RigidMotion>& starts, int climbs,
                const SearchRange& first_step, int halvings) {
-  const int count = int(starts.size());
   std::vector<double> values(starts.size());
-#pragma omp parallel for schedule(dynamic, 16)
-  for (int s = 0; s < count; ++s) values[s] = similarity(samples, fixed, starts[s]);
+  parallel_for(starts.size(), [&](std::size_t s) { values[s] = similarity(samples, fixed, starts[s]); }, 16);
   std::vector<int> order(starts.size());
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return values[a] > values[b]; });
 
   std::vector<Pose> climbed(std::min<std::size_t>(std::size_t(climbs), starts.size()));
-#pragma omp parallel for schedule(dynamic, 1)
-  for (int c = 0; c < int(climbed.size()); ++c)
-    climbed[c] = climb(samples, fixed, starts[order[c]], first_step, halvings);
+  parallel_for(climbed.size(), [&](std::size_t c) { climbed[c] = climb(samples, fixed, starts[std::size_t(order[c])], first_step, halvings); }, 1);
   Pose best{starts[order[0]], values[order[0]]};
   for (const Pose& pose : climbed)
     if (pose.similarity > best.similarity) best = pose;

@@ -4,11 +4,8 @@
 #include <itkBinShrinkImageFilter.h>
 #include <itkCorrelationImageToImageMetricv4.h>
 #include <itkEuler3DTransform.h>
-#include <itkRegistrationParameterScalesFromPhysicalShift.h>
-#include <iostream>
 #include <itkQuasiNewtonOptimizerv4.h>
-#include <itkConjugateGradientLineSearchOptimizerv4.h>
-#include <itkRegularStepGradientDescentOptimizerv4.h>
+#include <itkRegistrationParameterScalesFromPhysicalShift.h>
 #include <itkSmoothingRecursiveGaussianImageFilter.h>
 
 #include <algorithm>
@@ -21,9 +18,23 @@ namespace mtled {
 namespace {
 
 using Transform = itk::Euler3DTransform<double>;
-using Metric = itk::CorrelationImageToImageMetricv4<ItkImage<float>, ItkImage<float>>;
+using Optimizer = itk::QuasiNewtonOptimizerv4Template<double>;
 using Cubic = itk::BSplineInterpolateImageFunction<ItkImage<float>, double, double>;
 
+/// ITK's metric with all its sums in one work unit. SetMaximumNumberOfWorkUnits does not reach the partition of the points
+/// (ITK 5.2), so that the last digits would depend on the number of cores.
+class Metric : public itk::CorrelationImageToImageMetricv4<ItkImage<float>, ItkImage<float>> {
+ public:
+  using Self = Metric;
+  using Pointer = itk::SmartPointer<Self>;
+  itkFactorylessNewMacro(Self);
+
+ private:
+  Metric() {
+    m_SparseGetValueAndDerivativeThreader->SetNumberOfWorkUnits(1);
+    m_HelperSparseThreader->SetNumberOfWorkUnits(1);
+  }
+};
 
 /// Gradient of the cubic spline that interpolates the image, so that the metric's derivative is that of its value.
 class CubicGradient : public itk::ImageFunction<ItkImage<float>, itk::CovariantVector<double, 3>, double> {
@@ -50,7 +61,7 @@ class CubicGradient : public itk::ImageFunction<ItkImage<float>, itk::CovariantV
 };
 
 constexpr int largest_iterations = 150;
-constexpr double smallest_step = 1e-5;  ///< of the parameters (rad or mm), after repeated halving
+constexpr int iterations_without_progress = 10;
 
 Transform::Pointer to_itk(const RigidMotion& motion) {
   auto transform = Transform::New();
@@ -100,44 +111,25 @@ RigidMotion refine_at_level(const Image& moving, const Image& fixed, const std::
   metric->SetMovingImage(other);
   metric->SetVirtualDomainFromImage(sampled);
   metric->SetMovingTransform(transform);
-  metric->SetMovingInterpolator(Cubic::New()); if(getenv("FC")) metric->SetFixedInterpolator(Cubic::New());
+  metric->SetFixedInterpolator(Cubic::New());
+  metric->SetMovingInterpolator(Cubic::New());
   metric->SetMovingImageGradientCalculator(CubicGradient::New());
   metric->SetFixedSampledPointSet(point_set(points, level.points));
   metric->SetUseSampledPointSet(true);
   metric->SetUseFixedImageGradientFilter(false);
   metric->SetUseMovingImageGradientFilter(false);
-  metric->SetMaximumNumberOfWorkUnits(1);
   metric->Initialize();
 
   auto scales = itk::RegistrationParameterScalesFromPhysicalShift<Metric>::New();
   scales->SetMetric(metric);
-  const char*O=getenv("OPT"); int o=O?atoi(O):0;
-  if(o==0){ auto optimizer=itk::RegularStepGradientDescentOptimizerv4<double>::New();
+  auto optimizer = Optimizer::New();
   optimizer->SetMetric(metric);
   optimizer->SetScalesEstimator(scales);
-  optimizer->SetDoEstimateLearningRateOnce(false);
-  optimizer->SetDoEstimateLearningRateAtEachIteration(true);
   optimizer->SetMaximumStepSizeInPhysicalUnits(level.largest_step_mm);
-  optimizer->SetRelaxationFactor(0.5);
-  optimizer->SetMinimumStepLength(smallest_step);
+  optimizer->SetMaximumIterationsWithoutProgress(iterations_without_progress);
   optimizer->SetNumberOfIterations(largest_iterations);
   optimizer->SetNumberOfWorkUnits(1);
-  optimizer->StartOptimization(); }
-  if(o==1){ auto optimizer=itk::QuasiNewtonOptimizerv4Template<double>::New();
-  optimizer->SetMetric(metric);
-  optimizer->SetScalesEstimator(scales);
-  optimizer->SetMaximumStepSizeInPhysicalUnits(level.largest_step_mm);
-  optimizer->SetMaximumIterationsWithoutProgress(10);
-  optimizer->SetNumberOfIterations(largest_iterations);
-  optimizer->SetNumberOfWorkUnits(1);
-  optimizer->StartOptimization(); if(getenv("DBG"))std::cerr<<optimizer->GetCurrentIteration()<<" "<<optimizer->GetStopConditionDescription()<<"\n"; }
-  if(o==2){ auto optimizer=itk::ConjugateGradientLineSearchOptimizerv4Template<double>::New();
-  optimizer->SetMetric(metric);
-  optimizer->SetScalesEstimator(scales);
-  optimizer->SetMaximumStepSizeInPhysicalUnits(level.largest_step_mm);
-  optimizer->SetNumberOfIterations(40); optimizer->SetMinimumConvergenceValue(1e-8); optimizer->SetConvergenceWindowSize(5); optimizer->SetLowerLimit(0);optimizer->SetUpperLimit(2);optimizer->SetMaximumLineSearchIterations(10);
-  optimizer->SetNumberOfWorkUnits(1);
-  optimizer->StartOptimization(); if(getenv("DBG"))std::cerr<<optimizer->GetCurrentIteration()<<" "<<optimizer->GetStopConditionDescription()<<"\n"; }
+  optimizer->StartOptimization();
   return from_itk(*transform);
 }
 

@@ -5,6 +5,7 @@
 #include <numeric>
 
 #include "core/error.hpp"
+#include "core/parallel.hpp"
 
 namespace mtled {
 namespace {
@@ -105,11 +106,10 @@ Volume<T> look_up(const Image& image, const Mask& mask, const FuzzyClasses& clas
   const double per_unit = range > 0 ? table_intervals / range : 0;
 
   Volume<T> result(image.grid);
-  const std::ptrdiff_t voxels = std::ptrdiff_t(image.data.size());
-#pragma omp parallel for schedule(static)
-  for (std::ptrdiff_t v = 0; v < voxels; ++v)
+  parallel_for(image.data.size(), [&](std::size_t v) {
     if (mask.data[v])
       result.data[v] = table[std::size_t(std::clamp((image.data[v] - low) * per_unit, 0.0, double(table_intervals)) + 0.5)];
+  }, 65536);
   return result;
 }
 

@@ -1,0 +1,108 @@
+#include "command.hpp"
+
+#include <unistd.h>
+
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <thread>
+
+#include "core/error.hpp"
+#include "io/toml_reader.hpp"
+
+namespace mtled {
+
+void add_common(CLI::App& verb, CommonOptions& common, bool with_config) {
+  verb.add_option("--threads", common.threads, "threads to use (default: all processors)")->type_name("N");
+  verb.add_option("--device", common.device, "where to solve: auto, cpu, cuda or cuda:N")->capture_default_str();
+  verb.add_flag("--quiet,-q", common.quiet, "no progress on standard error");
+  verb.add_flag("--force", common.force, "write into an output folder that is not empty");
+  if (with_config) verb.add_option("--config,-c", common.config, "TOML file with the same settings (keys: option names); the command line wins")->type_name("FILE");
+}
+
+namespace {
+
+std::string text_of(const toml::node& node, const std::string& place) {
+  if (const auto s = node.value<std::string>(); s && node.is_string()) return *s;
+  if (node.is_boolean()) return *node.value<bool>() ? "true" : "false";
+  if (node.is_integer()) return std::to_string(*node.value<std::int64_t>());
+  if (node.is_floating_point()) {
+    char buffer[64];
+    std::snprintf(buffer, sizeof buffer, "%.17g", *node.value<double>());
+    return buffer;
+  }
+  fail(Failure::input, place, " must be a text, a number, true, false or an array of these");
+}
+
+}  // namespace
+
+void apply_config(CLI::App& verb, const CommonOptions& common) {
+  if (common.config.empty()) return;
+  const toml::table table = parse_toml(common.config);
+  for (const auto& [key, node] : table) {
+    const std::string name(key.str()), place = common.config.string() + ": `" + name + "`";
+    CLI::Option* option = name == "config" || name == "help" ? nullptr : verb.get_option_no_throw("--" + name);
+    if (!option) {
+      std::string known;
+      for (const CLI::Option* o : verb.get_options())
+        if (!o->get_lnames().empty() && o->get_lnames()[0] != "help" && o->get_lnames()[0] != "config") known += (known.empty() ? "" : ", ") + o->get_lnames()[0];
+      fail(Failure::input, place, " is not a known setting (line ", node.source().begin.line, "); known: ", known);
+    }
+    if (option->count() > 0) continue;
+    std::vector<std::string> values;
+    if (const toml::array* array = node.as_array()) {
+      for (const auto& element : *array) values.push_back(text_of(element, place));
+    } else {
+      values.push_back(text_of(node, place));
+    }
+    const bool is_path = option->get_type_name() == "FILE" || option->get_type_name() == "IMAGE" || option->get_type_name() == "DIR";
+    for (std::string& v : values) {
+      if (is_path) v = (common.config.parent_path() / v).string();
+      option->add_result(v);
+    }
+    try {
+      option->run_callback();
+    } catch (const CLI::Error& error) {
+      fail(Failure::input, place, ": ", error.what());
+    }
+  }
+}
+
+void require_option(const CLI::App& verb, const std::string& name) {
+  const CLI::Option* option = verb.get_option(name);
+  if (option->count() == 0) fail(Failure::usage, name, " is missing (", option->get_description(), "); see `mtled ", verb.get_name(), " --help`");
+}
+
+std::unique_ptr<ThreadLimit> start(const CommonOptions& common) {
+  if (common.threads < 0) fail(Failure::usage, "--threads is ", common.threads, "; give a positive number, or leave it out to use all processors");
+  const bool cuda = common.device.rfind("cuda", 0) == 0;
+  if (common.device != "auto" && common.device != "cpu" && !cuda)
+    fail(Failure::usage, "--device is '", common.device, "'; choose auto, cpu, cuda or cuda:N");
+  if (cuda) fail(Failure::device, "--device ", common.device, ": this build has no CUDA backend; use --device cpu");
+  const unsigned processors = std::max(1u, std::thread::hardware_concurrency());
+  return std::make_unique<ThreadLimit>(common.threads > 0 ? common.threads : int(processors));
+}
+
+std::function<void(const Progress&)> progress_printer(bool quiet) {
+  if (quiet) return {};
+  const bool terminal = isatty(STDERR_FILENO);
+  return [terminal, last = std::chrono::steady_clock::time_point{}](const Progress& p) mutable {
+    const auto now = std::chrono::steady_clock::now();
+    if (now - last < std::chrono::milliseconds(terminal ? 200 : 5000)) return;
+    last = now;
+    std::fprintf(stderr, "%s%s: step %d", terminal ? "\r\033[K" : "", p.stage, p.step);
+    if (std::isfinite(p.error_estimate_mm)) std::fprintf(stderr, ", estimated error %.3g mm", p.error_estimate_mm);
+    std::fprintf(stderr, ", %.0f s", p.seconds);
+    if (std::isfinite(p.seconds_left)) std::fprintf(stderr, ", about %.0f s left", p.seconds_left);
+    std::fprintf(stderr, terminal ? "" : "\n");
+    std::fflush(stderr);
+  };
+}
+
+void announce(const CommonOptions& common, const std::string& text) {
+  if (!common.quiet) std::fprintf(stderr, "%s%s\n", isatty(STDERR_FILENO) ? "\r\033[K" : "", text.c_str());
+}
+
+void warn(const std::string& text) { std::fprintf(stderr, "%swarning: %s\n", isatty(STDERR_FILENO) ? "\r\033[K" : "", text.c_str()); }
+
+}  // namespace mtled

@@ -1,0 +1,49 @@
+#pragma once
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <memory>
+#include <string>
+
+#include "core/parallel.hpp"
+#include "core/solver.hpp"
+
+namespace mtled {
+
+/// What every verb has: --threads, --device, --quiet, --force, --config.
+struct CommonOptions {
+  int threads = 0;                 ///< 0 = all
+  std::string device = "auto";
+  bool quiet = false;
+  bool force = false;
+  std::filesystem::path config;
+};
+
+/// Declares the common options; `with_output` adds --output and --force.
+void add_common(CLI::App& verb, CommonOptions& common, bool with_config);
+
+/// Gives options that were not on the command line their values from the TOML file named by --config: keys are the long
+/// option names without dashes. Paths there are relative to the file. Input errors: unknown key, value out of range.
+void apply_config(CLI::App& verb, const CommonOptions& common);
+
+/// Usage error naming the option and what it is for, unless it was given.
+void require_option(const CLI::App& verb, const std::string& name);
+
+/// Checks --threads and --device and limits parallel loops while the result lives.
+std::unique_ptr<ThreadLimit> start(const CommonOptions& common);
+
+/// Lines on stderr: one that is rewritten when it is a terminal, a plain line every few seconds when it is not.
+std::function<void(const Progress&)> progress_printer(bool quiet);
+/// A line on stderr for a stage that begins; nothing when quiet.
+void announce(const CommonOptions& common, const std::string& text);
+void warn(const std::string& text);
+
+/// Each declares one verb and what it does when called.
+void add_solve(CLI::App& program);
+void add_info(CLI::App& program);
+void add_register(CLI::App& program);
+void add_classify(CLI::App& program);
+void add_motions(CLI::App& program);
+void add_warp(CLI::App& program);
+void add_evaluate(CLI::App& program);
+
+}  // namespace mtled
