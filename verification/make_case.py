@@ -3,7 +3,8 @@
 
 Nodes are all corners of the lattice cells that reach into the solid (with --surface only those inside it), the lattice
 aligned with the bounding box; integration points are the cells of a finer lattice (about two per node), each at the
-centroid of its part inside the solid and weighted by that part's volume.
+centroid of its part inside the solid and weighted by that part's volume; a cell on the interface of two materials gives
+a point for each (with --unsplit one, of the material at its centroid).
 --jitter moves interior nodes at random by up to FRACTION of the spacing, --surface adds nodes on a curved surface, where
 the lattice lines leave the solid (in both cases the cloud is no lattice).
 """
@@ -78,20 +79,39 @@ def with_surface_nodes(problem, X, h):
     return np.vstack([X[far], found])
 
 
-def integration_points(problem, h):
-    """[n, 4] x, y, z, volume."""
+def material_at(problem, X):
+    """Number of the material at each row of X, -1 where there is none."""
+    number = np.full(len(X), -1)
+    for m, material in enumerate(problem["materials"]):
+        number[evaluate(material.get("where", "x==x"), X)] = m
+    return number
+
+
+def integration_points(problem, h, split):
+    """[n, 4] x, y, z, volume and [n] number of the material."""
     low, high = np.array(problem["geometry"]["bounding_box"], float)
     cells = np.maximum(np.round((high - low) / (h / CELLS_PER_NODE ** (1 / 3))).astype(int), 1)
     edge = (high - low) / cells
-    samples, layers = subsamples(), []
-    for i in range(cells[0]):
-        P = low + edge * (cells_between([i], np.arange(cells[1]), np.arange(cells[2]))[:, None] + samples)
-        inside = evaluate(problem["geometry"]["inside"], P.reshape(-1, 3)).reshape(P.shape[:2])
+    samples, points, number = subsamples(), [], []
+
+    def append(P, inside):
+        """Points of the cells whose samples P [cells, samples, 3] are partly inside."""
         fraction = inside.mean(1)
         keep = fraction > SMALLEST_PART
         centroid = (P * inside[..., None]).sum(1)[keep] / inside.sum(1)[keep, None]
-        layers.append(np.column_stack([centroid, fraction[keep] * edge.prod()]))
-    return np.concatenate(layers)
+        points.append(np.column_stack([centroid, fraction[keep] * edge.prod()]))
+        return centroid
+
+    for i in range(cells[0]):
+        P = low + edge * (cells_between([i], np.arange(cells[1]), np.arange(cells[2]))[:, None] + samples)
+        inside = evaluate(problem["geometry"]["inside"], P.reshape(-1, 3)).reshape(P.shape[:2])
+        if split:
+            material = material_at(problem, P.reshape(-1, 3)).reshape(P.shape[:2])
+            for m in range(len(problem["materials"])):
+                number.append(np.full(len(append(P, inside & (material == m))), m))
+        else:
+            number.append(material_at(problem, append(P, inside)))
+    return np.concatenate(points), np.concatenate(number)
 
 
 def constraints(problem, nodes):
@@ -114,7 +134,7 @@ def write_csv(path, header, rows):
         writer.writerows([[f"{v:.9g}" if isinstance(v, float) else v for v in r] for r in rows])
 
 
-def make_case(source, spacing, out, jitter=0.0, surface=False, solver=None):
+def make_case(source, spacing, out, jitter=0.0, surface=False, split=True, solver=None):
     """Writes case.toml and its tables to `out`; `solver`: keys of its [solver] table."""
     source, out = pathlib.Path(source), pathlib.Path(out)
     out.mkdir(parents=True, exist_ok=True)
@@ -122,17 +142,14 @@ def make_case(source, spacing, out, jitter=0.0, surface=False, solver=None):
     nodes, origin = lattice_nodes(problem, spacing, jitter, not surface, np.random.default_rng(1))
     if surface:
         nodes = with_surface_nodes(problem, nodes, spacing)
-    points = integration_points(problem, spacing)
-    mu, k = np.zeros(len(points)), np.zeros(len(points))
-    for m in problem["materials"]:
-        here = evaluate(m.get("where", "x==x"), points[:, :3])
-        mu[here], k[here] = m["shear_modulus_kpa"], m["bulk_modulus_kpa"]
-    assert (mu > 0).all(), "an integration point lies in no material"
+    points, number = integration_points(problem, spacing, split)
+    assert (number >= 0).all(), "an integration point lies in no material"
+    moduli = np.array([[m["shear_modulus_kpa"], m["bulk_modulus_kpa"]] for m in problem["materials"]])[number]
     held = constraints(problem, nodes)
     probes = np.genfromtxt(source / "probes.csv", delimiter=",", names=True, dtype=None, encoding=None)
     write_csv(out / "nodes.csv", ["x", "y", "z"], nodes.tolist())
     write_csv(out / "points.csv", ["x", "y", "z", "volume", "shear_modulus_kpa", "bulk_modulus_kpa"],
-              np.column_stack([points, mu, k]).tolist())
+              np.column_stack([points, moduli]).tolist())
     write_csv(out / "constraints.csv", ["node", "ux", "uy", "uz", "set"], held)
     write_csv(out / "probes.csv", ["x", "y", "z"], [[float(r[c]) for c in "xyz"] for r in probes])
     lattice = "" if jitter or surface else f"lattice = {{ origin = {origin.tolist()}, spacing = {spacing} }}\n"
@@ -152,9 +169,10 @@ def main():
     parser.add_argument("out", help="folder for case.toml and its tables")
     parser.add_argument("--jitter", type=float, default=0.0, metavar="FRACTION", help="of the spacing")
     parser.add_argument("--surface", action="store_true")
+    parser.add_argument("--unsplit", action="store_true")
     parser.add_argument("--tolerance", type=float, default=0.05, metavar="MM")
     a = parser.parse_args()
-    print(make_case(a.problem, a.spacing, a.out, a.jitter, a.surface, {"tolerance_mm": a.tolerance}))
+    print(make_case(a.problem, a.spacing, a.out, a.jitter, a.surface, not a.unsplit, {"tolerance_mm": a.tolerance}))
 
 
 if __name__ == "__main__":

@@ -63,8 +63,9 @@ Lattice lattice_around(const Mask& body, double spacing) {
   const double margin = norm(body.grid.spacing) / 2;
   double positions = 1;
   for (int a = 0; a < 3; ++a) {
-    // A whole number of integration cells (4 nodes, 5 cells) from the origin on.
-    lattice.origin[a] = low[a] - margin;
+    // Anchored at the image's first voxel: a slightly different mask gives the same nodes.
+    const double anchor = body.grid.origin[a];
+    lattice.origin[a] = anchor + spacing * std::floor((low[a] - margin - anchor) / spacing);
     lattice.size[a] = int(std::ceil((high[a] + margin - lattice.origin[a]) / spacing)) + 1;
     positions *= lattice.size[a];
   }

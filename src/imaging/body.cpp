@@ -67,6 +67,20 @@ Mask fill(const Mask& body) {
   return filled;
 }
 
+/// `solid` and the wide cavities that it encloses (lungs): next to them even a thin chest wall survives the opening. The
+/// narrow gaps between back and couch stay open, so that the couch still comes off.
+Mask fill_wide_cavities(const Mask& solid, double half_width_mm) {
+  Mask enclosed = fill(solid);
+  for (std::size_t v = 0; v < solid.data.size(); ++v) enclosed.data[v] = enclosed.data[v] && !solid.data[v];
+  const Mask cores = erode(enclosed, half_width_mm);
+  std::vector<std::size_t> seeds;
+  for (std::size_t v = 0; v < cores.data.size(); ++v)
+    if (cores.data[v]) seeds.push_back(v);
+  Mask filled = flood(enclosed, seeds, -1);
+  for (std::size_t v = 0; v < solid.data.size(); ++v) filled.data[v] = filled.data[v] || solid.data[v];
+  return filled;
+}
+
 }  // namespace
 
 Mask body_mask(const Image& ct, const BodyOptions& options) {
@@ -76,7 +90,7 @@ Mask body_mask(const Image& ct, const BodyOptions& options) {
   Mask solid(ct.grid);
   for (std::size_t v = 0; v < ct.data.size(); ++v) solid.data[v] = ct.data[v] > options.threshold;
   const double radius = options.opening_radius_mm;
-  const Mask trunk = dilate(largest_component(erode(solid, radius)), radius);
+  const Mask trunk = dilate(largest_component(erode(fill_wide_cavities(solid, 2 * radius), radius)), radius);
   if (std::find(trunk.data.begin(), trunk.data.end(), 1) == trunk.data.end()) {
     const auto [low, high] = std::minmax_element(ct.data.begin(), ct.data.end());
     fail(Failure::input, "no body was found: intensities run from ", *low, " to ", *high, " and no part above ",

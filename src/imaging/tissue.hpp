@@ -10,8 +10,8 @@ namespace mtled {
 struct FuzzyCMeansOptions {
   int classes = 8;                         ///< >= 2
   double fuzziness = 2.0;                  ///< q > 1
-  std::vector<double> fixed_centers;       ///< if not empty: use these centres (sorted) and do not iterate
-  std::vector<double> initial_centers;     ///< if empty: CT anchors for 8 classes, else quantiles of the histogram
+  std::vector<double> fixed_centers{};      ///< if not empty: use these centres (sorted) and do not iterate
+  std::vector<double> initial_centers{};    ///< if empty: CT anchors for 8 classes of a CT (-300 ... 100 present), else quantiles
   double tolerance = 1e-4;                 ///< stop when no centre moves more [intensity]
   int max_iterations = 5000;
 };
