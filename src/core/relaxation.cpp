@@ -153,13 +153,10 @@ double optimal_rho(double omega_squared, double lambda) {
 }  // namespace
 
 template <class Real>
-int start_linear_elastic(const SlotModel<Real>& model, double relative_residual, NodalField<Real>& u) {
+int advance_load(const SlotModel<Real>& model, double load, double relative_residual, NodalField<Real>& u) {
   const std::size_t slots = u.slots();
-  const NodalField<Real> rest(slots);
-  NodalField<Real> r(slots), z(slots), p(slots), Kp(slots);
-  model.constraints->impose(u, 1);
-  model.forces->tangent(rest, u, r);
-  model.constraints->reduce(r);
+  NodalField<Real> state(slots), r(slots), z(slots), p(slots), Kp(slots);
+  state.copy_from(u);
   const auto combine = [&](NodalField<Real>& y, double a, const NodalField<Real>& x, double b) {  // y = a x + b y
     each_component(y, [&](int c, std::size_t begin, std::size_t end) {
       const Real* from = x.component(c);
@@ -167,20 +164,28 @@ int start_linear_elastic(const SlotModel<Real>& model, double relative_residual,
       for (std::size_t s = begin; s < end; ++s) to[s] = Real(a) * from[s] + Real(b) * to[s];
     });
   };
+  // Residual of the linearised problem with only the prescribed nodes moved: f(u) + K(u) (u with the new load - u).
+  model.constraints->impose(u, load);
+  p.copy_from(u);
+  combine(p, -1, state, 1);
+  model.forces->tangent(state, p, Kp);
+  model.forces->force(state, r);
+  combine(r, 1, Kp, 1);
+  model.constraints->reduce(r);
+  int products = 2;
   precondition(model, r, z);
   double rz = dot(r, z);
   const double first = rz;
-  if (!(first > 0)) return 1;
+  if (!(first > 0)) return products;
   combine(p, -1, z, 0);
-  constexpr int most_iterations = 500;
-  int products = 1;
+  constexpr int most_iterations = 300;
   for (int i = 0; i < most_iterations && rz > relative_residual * relative_residual * first; ++i) {
     model.constraints->impose(p, 0);
-    model.forces->tangent(rest, p, Kp);
+    model.forces->tangent(state, p, Kp);
     model.constraints->reduce(Kp);
     ++products;
     const double pKp = dot(p, Kp);
-    if (!(pKp > 0)) fail(Failure::numerical, "the stiffness matrix is not positive definite: the body is not held by its constraints, or has badly supported nodes");
+    if (!(pKp > 0)) break;  // not positive definite: what was gained so far is the step
     const double alpha = rz / pKp;
     combine(u, alpha, p, 1);
     combine(r, alpha, Kp, 1);
@@ -189,12 +194,17 @@ int start_linear_elastic(const SlotModel<Real>& model, double relative_residual,
     combine(p, -1, z, next / rz);
     rz = next;
   }
-  model.constraints->impose(u, 1);
+  model.constraints->impose(u, load);
   return products;
 }
 
+namespace {
+
+enum class End { converged, exhausted, diverged };
+
+/// One try with the largest eigenvalue taken `safety` times its estimate.
 template <class Real>
-RelaxationResult relax(const SlotModel<Real>& model, const SolverOptions& options, NodalField<Real>& u) {
+End attempt_relaxation(const SlotModel<Real>& model, const SolverOptions& options, double safety, RelaxationResult& result, NodalField<Real>& u) {
   const bool two_level = model.coarse != nullptr;
   const int lag = two_level ? 20 : 40;
   const int ramp = two_level ? 0 : options.load_steps > 0 ? options.load_steps : std::max(200, int(12 * model.largest_distance));
@@ -202,19 +212,17 @@ RelaxationResult relax(const SlotModel<Real>& model, const SolverOptions& option
   const auto started = std::chrono::steady_clock::now();
   const auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count(); };
 
-  RelaxationResult result;
   NodalField<Real> v = rough_vector(model), previous(u.slots()), f(u.slots()), g(u.slots());
   constexpr int first_power = 20, second_power = 30;
   StepSizes step;
-  step.lambda = 1.4 * largest_eigenvalue(model, u, first_power, v);
-  result.force_evaluations = first_power;
+  step.lambda = safety * 1.4 * largest_eigenvalue(model, u, first_power, v);
+  result.force_evaluations += first_power;
   step.rho = two_level ? 0.7 : 0.97;
   previous.copy_from(u);
   RateEstimate<Real> rate(u.slots());
   double omega_squared = nan;
   std::deque<double> recent;
-  int calm = 0, saved_at = -1, restarts = 0;
-  double largest_motion = 0;
+  int calm = 0, saved_at = -1;
   for (int n = 0; n < options.max_steps; ++n) {
     double load = 1;
     if (n < ramp) {
@@ -223,7 +231,7 @@ RelaxationResult relax(const SlotModel<Real>& model, const SolverOptions& option
     }
     if (n <= ramp || !model.constraints->direct()) model.constraints->impose(u, load);
     if (n == (two_level ? 60 : ramp)) {  // the deformed body has other eigenvalues
-      step.lambda = 1.2 * largest_eigenvalue(model, u, second_power, v);
+      step.lambda = safety * 1.2 * largest_eigenvalue(model, u, second_power, v);
       result.force_evaluations += second_power;
       if (!std::isnan(omega_squared)) step.rho = optimal_rho(omega_squared, step.lambda);
     }
@@ -250,10 +258,7 @@ RelaxationResult relax(const SlotModel<Real>& model, const SolverOptions& option
     const double recent_max = *std::max_element(recent.begin(), recent.end());
     const double slow = step.rho + 0.2 * (1 - step.rho);
     result.error_estimate = slow / (1 - slow) * recent_max;
-    largest_motion = std::max(largest_motion, increment);
-    if (!std::isfinite(increment) || increment > 1e4) {
-      fail(Failure::numerical, "the solution diverged at step ", n + 1, " (time step too large for the deformed body); ++restarts ", restarts);
-    }
+    if (!(increment < model.largest_increment)) return End::diverged;
     const bool may_stop = n >= settle + 2 * lag && !std::isnan(omega_squared) &&
                           n - (two_level ? 0 : ramp) >= 2 * std::sqrt(step.lambda / omega_squared);
     calm = may_stop && result.error_estimate < options.tolerance_mm ? calm + 1 : 0;
@@ -266,17 +271,36 @@ RelaxationResult relax(const SlotModel<Real>& model, const SolverOptions& option
       }
     }
     if (calm >= options.consecutive_steps) {
-      result.converged = true;
-      break;
+      model.constraints->impose(u, 1);
+      return End::converged;
     }
   }
   model.constraints->impose(u, 1);
-  return result;
+  return End::exhausted;
+}
+
+}  // namespace
+
+template <class Real>
+RelaxationResult relax(const SlotModel<Real>& model, const SolverOptions& options, NodalField<Real>& u) {
+  NodalField<Real> start(u.slots());
+  start.copy_from(u);
+  RelaxationResult result;
+  for (double safety : {1.0, 2.0, 4.0}) {
+    u.copy_from(start);
+    result.history.clear();
+    const End end = attempt_relaxation(model, options, safety, result, u);
+    if (end == End::diverged) continue;
+    result.converged = end == End::converged;
+    return result;
+  }
+  fail(Failure::numerical, "the solution diverged at step ", result.steps, ", also with a time step half as long; "
+       "the prescribed motions deform the body too strongly between some nodes: check them, or use a smaller node spacing");
 }
 
 template RelaxationResult relax<float>(const SlotModel<float>&, const SolverOptions&, NodalField<float>&);
 template RelaxationResult relax<double>(const SlotModel<double>&, const SolverOptions&, NodalField<double>&);
-template int start_linear_elastic<float>(const SlotModel<float>&, double, NodalField<float>&);
-template int start_linear_elastic<double>(const SlotModel<double>&, double, NodalField<double>&);
+template int advance_load<float>(const SlotModel<float>&, double, double, NodalField<float>&);
+template int advance_load<double>(const SlotModel<double>&, double, double, NodalField<double>&);
 
 }  // namespace mtled

@@ -25,6 +25,7 @@ struct SlotModel {
   std::unique_ptr<ConstraintOperator<Real>> constraints;
   std::unique_ptr<CoarseSpace<Real>> coarse;  ///< null: diagonal preconditioner only
   NodalField<Real> coarse_active;
+  double largest_increment = 0;       ///< of a step, beyond which the iteration has diverged [mm]
   double largest_distance = 0;        ///< of a node to the nearest prescribed one, in node spacings
 };
 
@@ -41,9 +42,10 @@ struct RelaxationResult {
 template <class Real>
 RelaxationResult relax(const SlotModel<Real>& model, const SolverOptions& options, NodalField<Real>& u);
 
-/// Starts `u` from the linear-elastic solution, by conjugate gradients with the two-level preconditioner.
-/// Returns the number of products with the stiffness matrix.
+/// Takes `u` from equilibrium at a smaller load (0: rest) to about equilibrium at `load`: one linearised (Newton) step, by
+/// conjugate gradients with the two-level preconditioner down to `relative_residual`. From rest this is the
+/// linear-elastic solution. Returns the number of products with the stiffness matrix and force evaluations.
 template <class Real>
-int start_linear_elastic(const SlotModel<Real>& model, double relative_residual, NodalField<Real>& u);
+int advance_load(const SlotModel<Real>& model, double load, double relative_residual, NodalField<Real>& u);
 
 }  // namespace mtled

@@ -183,6 +183,9 @@ SlotModel<Real> build_model(const ShapeEvaluator& evaluator, IntegrationPoints& 
     largest = std::max(largest, nearest);
   }
   model.largest_distance = std::sqrt(largest) / spacing;
+  double size = 0;
+  for (const Vec3d& d : constraints.displacement) size = std::max(size, norm(d));
+  model.largest_increment = 100 * (size + spacing);
   if (options.relaxation == Relaxation::two_level) {
     model.coarse_active = NodalField<Real>(slots);
     model.coarse_active.copy_from(model.active);
@@ -219,6 +222,38 @@ void measure_state(const SlotModel<Real>& model, const NodalField<Real>& u, Solu
   solution.inverted_points = std::size_t(std::count_if(ratio.begin(), ratio.end(), [](double r) { return r <= 0; }));
 }
 
+/// Linear-elastic start; in more load increments, each linearised about the last, when one leaves points (nearly)
+/// inside out. The coarse matrix is left assembled at the start. Returns the products with the stiffness matrix.
+template <class Real>
+int start_two_level(SlotModel<Real>& model, const SolverOptions& options, Solution& solution, NodalField<Real>& u) {
+  constexpr double start_residual = 2e-3;   // relative; the relaxation does the rest
+  constexpr double smallest_ratio = 0.1;    // volume ratio of a usable start
+  constexpr int most_increments = 16;
+  NodalField<Real> f(u.slots());
+  int products = 0;
+  for (int increments = 1;; increments *= 2) {
+    NodalField<Real> state(u.slots());
+    VolumeRatioStatistics ratio;
+    for (int i = 1; i <= increments; ++i) {
+      if (options.progress) options.progress({"start", i, std::nan(""), 0, std::nan("")});
+      model.coarse->assemble(model.supports, *model.points, state);
+      products += advance_load(model, double(i) / increments, start_residual, state);
+      ratio = model.forces->force(state, f);
+      ++products;
+      if (ratio.smallest < smallest_ratio) break;
+    }
+    if (ratio.smallest >= smallest_ratio || increments == most_increments) {
+      solution.load_increments = increments;
+      u.swap(state);
+      if (ratio.inverted > 0)
+        fail(Failure::numerical, "the prescribed motions turn ", ratio.inverted, " integration points inside out even when applied in ", increments,
+             " increments: they ask for more than the tissue between the rigid bodies can follow; check the motions (do two bodies run into each other?), or use a smaller node spacing");
+      model.coarse->assemble(model.supports, *model.points, u);
+      return products;
+    }
+  }
+}
+
 template <class Real>
 Solution solve_with(const ShapeEvaluator& evaluator, IntegrationPoints& points, const Constraints& constraints, const SolverOptions& options) {
   Solution solution;
@@ -228,13 +263,8 @@ Solution solve_with(const ShapeEvaluator& evaluator, IntegrationPoints& points, 
   Stopwatch watch(solution.seconds);
   NodalField<Real> u(model.position.size());
   if (model.coarse) {
-    model.coarse->assemble(model.supports, points, u);
-    watch.lap("coarse matrix");
-    if (options.progress) options.progress({"start", 0, std::nan(""), 0, std::nan("")});
-    solution.force_evaluations += start_linear_elastic(model, 2e-3, u);
-    watch.lap("linear-elastic start");
-    model.coarse->assemble(model.supports, points, u);
-    watch.lap("coarse matrix");
+    solution.force_evaluations += start_two_level(model, options, solution, u);
+    watch.lap("start");
   }
   const RelaxationResult relaxed = relax(model, options, u);
   watch.lap("relaxation");

@@ -49,6 +49,7 @@ struct Solution {
   bool converged = false;
   int steps = 0;                      ///< relaxation steps
   int force_evaluations = 0;          ///< all internal-force and tangent products, setup and start included
+  int load_increments = 1;            ///< of the two-level start
   double error_estimate_mm = 0;
   double strain_energy = 0;           ///< [mN mm]
   std::map<std::string, Vec3d> reactions;  ///< per set: force of the constraint on the body [mN]

@@ -21,17 +21,6 @@ constexpr double poor_similarity = 0.5;       ///< a label that correlates less 
 // (it costs up to 1 deg for a vertebral body). Points off the voxel grid, so that both images are interpolated alike.
 const RegistrationLevel with_margin{1.5, 4000, 1}, bone_alone{1, 20000, 0.5};
 
-std::vector<Vec3d> moved(std::vector<Vec3d> points, const RigidMotion& motion) {
-  for (Vec3d& point : points) point = motion.apply(point);
-  return points;
-}
-
-double fraction_inside(const std::vector<Vec3d>& points, const Image& image) {
-  double inside = 0, ignored;
-  for (const Vec3d& point : points) inside += linear_value(image, point, ignored);
-  return inside / double(points.size());
-}
-
 /// Largest distance [mm] between the images of the points under two motions.
 double largest_distance(const std::vector<Vec3d>& points, const RigidMotion& a, const RigidMotion& b) {
   double largest = 0;
@@ -59,7 +48,7 @@ Outcome register_label(const Image& moving, const Image& fixed, const LabelRegio
     outcome.warnings.push_back(concatenate("label ", region.label, " ", parts...));
   };
   bone.voxels = int(region.voxels.size());
-  bone.motion = {region.label, start.given};
+  bone.motion = {region.label, start.searched};
   if (region.touches_border || fraction_inside(region.voxels, moving) < 1)
     warn("touches the border of the moving image: a cut bone is registered less well");
 
@@ -68,10 +57,10 @@ Outcome register_label(const Image& moving, const Image& fixed, const LabelRegio
   const Image fixed_part = crop(fixed, there, crop_margin_mm);
   const Samples samples = sample(moving_part, region.voxels, 0);
   bone.similarity_before = similarity(samples, fixed, start.given);
-  if (fraction_inside(there, fixed) < 0.5) {
-    bone.similarity_after = bone.similarity_before;
-    warn("leaves the fixed image: it keeps its start position and was not registered; leave it out, or use a fixed image "
-         "that shows it");
+  if (fraction_inside(there, fixed) < visible_enough) {
+    bone.similarity_after = similarity(samples, fixed, start.searched);
+    warn("leaves the fixed image and was not registered: it follows its neighbour; leave it out, or use a fixed image that "
+         "shows it");
     return outcome;
   }
 
@@ -83,6 +72,7 @@ Outcome register_label(const Image& moving, const Image& fixed, const LabelRegio
     if (largest_distance(region.voxels, start.given, forward) > noticeable_mm)
       warn("was not improved by registration (correlation ", bone.similarity_before, " -> ", bone.similarity_after,
            "): it keeps its start position");
+    bone.motion.motion = start.given;
     bone.similarity_after = bone.similarity_before;
   }
   if (const double inside = fraction_inside(moved(region.voxels, bone.motion.motion), fixed); inside < 0.95)

@@ -26,11 +26,6 @@ std::vector<Vec3d> all_points(const std::vector<LabelRegion>& regions) {
   return points;
 }
 
-std::vector<Vec3d> moved(std::vector<Vec3d> points, const RigidMotion& motion) {
-  for (Vec3d& point : points) point = motion.apply(point);
-  return points;
-}
-
 /// Rotation that takes the principal axes `a` to `b`, of the four that differ by the axes' signs the smallest turn.
 Mat3d aligning_turn(const Mat3d& a, const Mat3d& b) {
   Mat3d best = Mat3d::identity();
@@ -97,6 +92,8 @@ std::vector<BoneStart> starts_along_spine(const Image& moving, const Image& fixe
   std::vector<Pose> poses;
   for (const LabelRegion& region : regions)
     poses.push_back(search_label(images, region, recentred(spine, region.centroid), {8, 8 * degree}));
+  for (std::size_t r = 0; r < regions.size(); ++r)  // a bone that is half outside is a poor anchor
+    poses[r].similarity *= fraction_inside(moved(regions[r].points, poses[r].motion), fixed);
   const int anchor = int(std::max_element(poses.begin(), poses.end(), [](const Pose& a, const Pose& b) {
                            return a.similarity < b.similarity;
                          }) - poses.begin());
@@ -105,7 +102,10 @@ std::vector<BoneStart> starts_along_spine(const Image& moving, const Image& fixe
       const double distance = norm(regions[r].centroid - regions[r - direction].centroid);
       const SearchRange near{std::min(0.35 * distance, options.largest_shift_mm),
                              std::min(0.4 * distance, options.largest_turn_deg) * degree};
-      poses[r] = search_label(images, regions[r], recentred(poses[r - direction].motion, regions[r].centroid), near);
+      const RigidMotion expected = recentred(poses[r - direction].motion, regions[r].centroid);
+      poses[r] = fraction_inside(moved(regions[r].points, expected), fixed) < visible_enough
+                     ? Pose{expected, 0}
+                     : search_label(images, regions[r], expected, near);
     }
 
   std::vector<BoneStart> starts;

@@ -6,6 +6,8 @@
 
 namespace mtled {
 
+constexpr double visible_enough = 0.5;  ///< fraction of a label that the fixed image must show for a registration
+
 /// Where the registration of one label starts.
 struct BoneStart {
   RigidMotion given;     ///< from the labels' positions, or from the global registration
@@ -20,7 +22,8 @@ std::vector<BoneStart> starts_from_labels(const Image& moving, const Image& fixe
 /// Starts without labels in the fixed image. All labels together, as one rigid body, are searched around `global`: the
 /// whole column is not mistaken for its neighbour one level off as easily as one vertebra. The label that then correlates
 /// best becomes the anchor, and the chain is followed up and down from it: each label is searched near the place where its
-/// neighbour's motion takes it, by less than half the distance between the two.
+/// neighbour's motion takes it, by less than half the distance between the two. Where that place is not visible enough in
+/// the fixed image, the label follows its neighbour.
 std::vector<BoneStart> starts_along_spine(const Image& moving, const Image& fixed, const std::vector<LabelRegion>& regions,
                                           const RigidMotion& global, const BoneMotionOptions& options);
 

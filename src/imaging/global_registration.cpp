@@ -54,7 +54,7 @@ RigidMotion register_rigidly(const Image& moving, const Image& fixed, const Mask
   const Samples samples = sample(smooth(moving_coarse, 6), points, 4000);
   const auto starts = poses_around({from, Mat3d::identity(), to - from}, {50, 20 * degree}, {25, 10 * degree});
   const Pose coarse = best_pose(samples, fixed_smooth, starts, 6, {10, 5 * degree}, 4);
-  return refine_motion(moving_coarse, fixed_coarse, points, coarse.motion, {{4, 10000, 2}, {2, 20000, 0.5}});
+  return refine_motion(moving_coarse, fixed_coarse, points, coarse.motion, {{4, 4000, 2}, {2, 8000, 0.5}});
 }
 
 }  // namespace mtled

@@ -20,6 +20,17 @@ Samples sample(const Image& moving, const std::vector<Vec3d>& points, std::size_
   return samples;
 }
 
+std::vector<Vec3d> moved(std::vector<Vec3d> points, const RigidMotion& motion) {
+  for (Vec3d& point : points) point = motion.apply(point);
+  return points;
+}
+
+double fraction_inside(const std::vector<Vec3d>& points, const Image& image) {
+  double inside = 0, ignored;
+  for (const Vec3d& point : points) inside += linear_value(image, point, ignored);
+  return inside / double(points.size());
+}
+
 double similarity(const Samples& samples, const Image& fixed, const RigidMotion& motion) {
   // Sums about the first pair of values, so that large offsets (HU) do not cost digits.
   double n = 0, a0 = 0, b0 = 0, sa = 0, sb = 0, saa = 0, sbb = 0, sab = 0;

@@ -15,6 +15,10 @@ struct Samples {
 /// interpolation. Points outside the image are left out.
 Samples sample(const Image& moving, const std::vector<Vec3d>& points, std::size_t count);
 
+std::vector<Vec3d> moved(std::vector<Vec3d> points, const RigidMotion& motion);
+/// Fraction [0, 1] of the points that lie inside the image.
+double fraction_inside(const std::vector<Vec3d>& points, const Image& image);
+
 /// Normalised correlation [-1, 1] of the samples with `fixed` at their moved positions. Positions outside `fixed` do not
 /// count; -1 where less than half of them lie inside, 0 where one side is constant.
 double similarity(const Samples& samples, const Image& fixed, const RigidMotion& motion);

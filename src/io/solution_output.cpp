@@ -17,6 +17,7 @@ nlohmann::json summary_of(const Solution& s) {
   j["converged"] = s.converged;
   j["steps"] = s.steps;
   j["force_evaluations"] = s.force_evaluations;
+  j["load_increments"] = s.load_increments;
   j["error_estimate_mm"] = number(s.error_estimate_mm);
   j["strain_energy_mN_mm"] = number(s.strain_energy);
   j["reactions_mN"] = nlohmann::json::object();
