@@ -20,19 +20,31 @@ using MotionsTest = TemporaryFolder;
 using VtuTest = TemporaryFolder;
 
 TEST_F(OutputTest, FolderIsCreatedWithItsParents) {
-  prepare_output_directory(file("a") / "b", false);
-  EXPECT_TRUE(fs::is_directory(file("a") / "b"));
+  const OutputDirectory output(file("a") / "b", false);
+  EXPECT_TRUE(fs::is_directory(output.path()));
+}
+
+TEST_F(OutputTest, FolderThatStaysEmptyIsRemovedAgain) {
+  fs::create_directory(file("old"));
+  { const OutputDirectory output(file("old") / "a" / "b", false); }
+  EXPECT_TRUE(fs::is_directory(file("old"))) << "it was there before";
+  EXPECT_FALSE(fs::exists(file("old") / "a"));
+  {
+    const OutputDirectory output(file("old") / "a" / "b", false);
+    write_text(output / "result", "x");
+  }
+  EXPECT_TRUE(fs::exists(file("old") / "a" / "b" / "result"));
 }
 
 TEST_F(OutputTest, FolderWithResultsNeedsForce) {
   file("old.csv", "x");
-  expect_failure(Failure::output, {"not empty", "--force"}, [&] { prepare_output_directory(folder(), false); });
+  expect_failure(Failure::output, {"not empty", "--force"}, [&] { OutputDirectory(folder(), false); });
   EXPECT_NO_THROW(prepare_output_directory(folder(), true));
 }
 
 TEST_F(OutputTest, FolderThatIsAFileIsRefused) {
   file("taken", "x");
-  expect_failure(Failure::output, {"taken", "cannot create"}, [&] { prepare_output_directory(file("taken"), true); });
+  expect_failure(Failure::output, {"taken", "cannot create"}, [&] { OutputDirectory(file("taken"), true); });
 }
 
 TEST_F(OutputTest, TextReplacesTheOldFile) {

@@ -154,7 +154,7 @@ INSTANTIATE_TEST_SUITE_P(Bases, MovingLeastSquares,
                                          Case{"QuadraticLattice", Basis::quadratic, 2.5, 0}, Case{"QuadraticJittered", Basis::quadratic, 2.6, 0.2},
                                          Case{"ModifiedLattice", Basis::modified_quadratic, 2.25, 0},
                                          Case{"ModifiedJittered", Basis::modified_quadratic, 2.25, 0.3}),
-                         [](const auto& info) { return std::string(info.param.name); });
+                         testing::PrintToStringParamName());
 
 /// The eight corners of a cube of edge 2 a around the origin.
 Nodes cube_corners(double a) {
@@ -189,9 +189,9 @@ TEST(MovingLeastSquaresOfPoorSupports, FewNodesAreRefused) {
   EXPECT_TRUE(s.node.empty() && s.value.empty() && s.gradient.empty());
 }
 
-TEST(MovingLeastSquaresOfPoorSupports, NodesAtTheRadiusTakeNoPart) {
+TEST(MovingLeastSquaresOfPoorSupports, NodesBeyondTheRadiusTakeNoPart) {
   Nodes nodes = cube_corners(h / 2);
-  nodes.number.push_back(99), nodes.position.push_back({1.75 * h, 0, 0});
+  nodes.number.push_back(99), nodes.position.push_back({1.7500001 * h, 0, 0});
   ShapeFunctions s;
   ASSERT_TRUE(shapes_at(nodes, {}, 1.75 * h, {}, s));
   EXPECT_EQ(s.node.size(), 8u);
@@ -221,9 +221,10 @@ TEST(MovingLeastSquaresOfPoorSupports, FarFromAllNodesTheConditionIsRefused) {
 TEST(MovingLeastSquaresOfPoorSupports, ThePenaltyMakesNarrowQuadraticSupportsSolvable) {
   const Nodes nodes = block(0);
   ShapeFunctions s;
-  const Vec3d x{0.2 * h, 0.3 * h, 0.1 * h};
-  EXPECT_FALSE(shapes_at(nodes, x, 1.6 * h, {Basis::quadratic}, s));
-  EXPECT_TRUE(shapes_at(nodes, x, 1.6 * h, {Basis::modified_quadratic}, s));
+  // In the middle of a cell: eight corners, and 24 nodes at 1.658 h that hardly count.
+  const Vec3d x{0.5 * h, 0.5 * h, 0.5 * h};
+  EXPECT_FALSE(shapes_at(nodes, x, 1.7 * h, {Basis::quadratic}, s));
+  EXPECT_TRUE(shapes_at(nodes, x, 1.7 * h, {Basis::modified_quadratic}, s));
 }
 
 }  // namespace

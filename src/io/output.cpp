@@ -7,7 +7,6 @@
 
 #include "core/error.hpp"
 #include "io/input.hpp"
-#include "io/temporary_file.hpp"
 
 namespace mtled {
 namespace fs = std::filesystem;
@@ -22,21 +21,36 @@ void check_target(const fs::path& path) {
     fail(Failure::output, "cannot write ", path, ": there is no folder ", folder, "; create it first");
 }
 
+/// Removes those of the folders, innermost first, that hold nothing.
+void remove_empty(const std::vector<fs::path>& folders) {
+  std::error_code ignored;
+  for (auto folder = folders.rbegin(); folder != folders.rend(); ++folder)
+    if (fs::is_directory(*folder, ignored) && fs::is_empty(*folder, ignored)) fs::remove(*folder, ignored);
+}
+
 }  // namespace
 
-void prepare_output_directory(const fs::path& directory, bool force) {
+OutputDirectory::OutputDirectory(const fs::path& directory, bool force) : path_(directory) {
+  if (path_.empty()) fail(Failure::output, "the name of the output folder is empty; give one");
   std::error_code error;
-  fs::create_directories(directory, error);
-  if (!fs::is_directory(directory))
-    fail(Failure::output, "cannot create the output folder ", directory, ": ",
+  for (fs::path p = fs::absolute(path_).lexically_normal(); !p.empty() && !fs::exists(p, error) && p != p.parent_path(); p = p.parent_path())
+    if (!p.filename().empty()) created_.insert(created_.begin(), p);
+  fs::create_directories(path_, error);
+  for (const fs::path& p : created_) guards_.emplace_back(p);
+  if (!fs::is_directory(path_)) {
+    remove_empty(created_);
+    fail(Failure::output, "cannot create the output folder ", path_, ": ",
          error ? error.message() : "a file of that name exists", "; choose another folder");
-  if (::access(directory.c_str(), R_OK | W_OK | X_OK) != 0)
-    fail(Failure::output, "cannot write into the output folder ", directory, ": ", system_reason(),
+  }
+  if (::access(path_.c_str(), R_OK | W_OK | X_OK) != 0)
+    fail(Failure::output, "cannot write into the output folder ", path_, ": ", system_reason(),
          "; change its permissions or choose another folder");
-  if (!force && !fs::is_empty(directory))
-    fail(Failure::output, "the output folder ", directory,
+  if (!force && !fs::is_empty(path_))
+    fail(Failure::output, "the output folder ", path_,
          " is not empty; choose another one, or give --force to overwrite results of the same name");
 }
+
+OutputDirectory::~OutputDirectory() { remove_empty(created_); }
 
 void write_atomically(const fs::path& path, const std::function<void(const fs::path&)>& write) {
   check_target(path);

@@ -1,13 +1,32 @@
 #pragma once
+#include <deque>
 #include <filesystem>
 #include <functional>
 #include <iosfwd>
 #include <string>
+#include <vector>
+
+#include "io/temporary_file.hpp"
 
 namespace mtled {
 
-/// Creates `directory` for results. Output errors: cannot be created or written; not empty and `force` is false.
-void prepare_output_directory(const std::filesystem::path& directory, bool force);
+/// A folder for results. It is created at once with its parents, so that one that cannot be written is known before the
+/// work; what was created and is still empty at the end is removed, also when the run is interrupted.
+class OutputDirectory {
+ public:
+  /// Output errors: cannot be created or written; not empty and `force` is false.
+  OutputDirectory(const std::filesystem::path& directory, bool force);
+  ~OutputDirectory();
+  OutputDirectory(const OutputDirectory&) = delete;
+  OutputDirectory& operator=(const OutputDirectory&) = delete;
+  std::filesystem::path operator/(const std::string& name) const { return path_ / name; }
+  const std::filesystem::path& path() const { return path_; }
+
+ private:
+  std::filesystem::path path_;
+  std::vector<std::filesystem::path> created_;  ///< outermost first
+  std::deque<InterruptGuard> guards_;           ///< of these
+};
 /// Calls `write(temporary)` with a temporary name in the same folder (same extension) and renames it to `path` when
 /// that returns; removes the temporary when it throws. So no half-written file is ever seen under its real name. An
 /// interrupted run (SIGINT, SIGTERM) leaves none either: temporaries in use are removed by install_interrupt_handler.

@@ -8,19 +8,19 @@ namespace mtled {
 namespace {
 
 /// JSON has no NaN: a value that is not known is null.
-nlohmann::json number(double v) { return std::isfinite(v) ? nlohmann::json(v) : nlohmann::json(nullptr); }
+Json number(double v) { return std::isfinite(v) ? Json(v) : Json(nullptr); }
 
 }  // namespace
 
-nlohmann::json summary_of(const Solution& s) {
-  nlohmann::json j;
+Json summary_of(const Solution& s) {
+  Json j;
   j["converged"] = s.converged;
   j["steps"] = s.steps;
   j["force_evaluations"] = s.force_evaluations;
   j["load_increments"] = s.load_increments;
   j["error_estimate_mm"] = number(s.error_estimate_mm);
   j["strain_energy_mN_mm"] = number(s.strain_energy);
-  j["reactions_mN"] = nlohmann::json::object();
+  j["reactions_mN"] = Json::object();
   for (const auto& [name, r] : s.reactions) j["reactions_mN"][name] = {r.x, r.y, r.z};
   j["smallest_volume_ratio"] = number(s.smallest_volume_ratio);
   j["nodes"] = s.parameter.size();

@@ -1,14 +1,14 @@
 #pragma once
 #include <filesystem>
-#include <nlohmann/json.hpp>
 
 #include "core/shape_evaluator.hpp"
 #include "core/solver.hpp"
+#include "io/json.hpp"
 
 namespace mtled {
 
 /// The solver's part of summary.json: converged, steps, error_estimate_mm, strain_energy_mN_mm, reactions_mN, ...
-nlohmann::json summary_of(const Solution& solution);
+Json summary_of(const Solution& solution);
 /// nodes.csv (x,y,z,ux,uy,uz: the field at the nodes) and nodes.vtu.
 void write_nodes(const std::filesystem::path& directory, const Cloud& cloud, const Solution& solution);
 

@@ -25,7 +25,9 @@ std::array<Slot, 64> slots;
 
 extern "C" void remove_temporaries_and_end(int signal) {
   for (const Slot& slot : slots)
-    if (slot.state.load() == in_use) ::unlink(slot.name);
+    if (slot.state.load() == in_use) ::unlink(slot.name);  // fails for a folder
+  for (auto slot = slots.rbegin(); slot != slots.rend(); ++slot)  // folders within others were added after those
+    if (slot->state.load() == in_use) ::rmdir(slot->name);        // fails for a folder with something in it
   ::_exit(128 + signal);
 }
 
@@ -44,16 +46,26 @@ int claim_slot(const std::string& name) {
 
 }  // namespace
 
-TemporaryFile::TemporaryFile(const std::filesystem::path& target) {
-  static std::atomic<int> count{0};
-  path_ = target.parent_path() / concatenate(".partial-", ::getpid(), "-", count++, "-", target.filename().string());
-  slot_ = claim_slot(std::filesystem::absolute(path_).string());
+InterruptGuard::InterruptGuard(const std::filesystem::path& path) : slot_(claim_slot(std::filesystem::absolute(path).string())) {}
+
+InterruptGuard::~InterruptGuard() {
+  if (slot_ >= 0) slots[std::size_t(slot_)].state = unused;
 }
+
+namespace {
+
+std::filesystem::path temporary_name(const std::filesystem::path& target) {
+  static std::atomic<int> count{0};
+  return target.parent_path() / concatenate(".partial-", ::getpid(), "-", count++, "-", target.filename().string());
+}
+
+}  // namespace
+
+TemporaryFile::TemporaryFile(const std::filesystem::path& target) : path_(temporary_name(target)), guard_(path_) {}
 
 TemporaryFile::~TemporaryFile() {
   std::error_code ignored;
   std::filesystem::remove(path_, ignored);
-  if (slot_ >= 0) slots[std::size_t(slot_)].state = unused;
 }
 
 void install_interrupt_handler() {
