@@ -17,13 +17,13 @@ void run(CLI::App& verb, const ClassifyOptions& options) {
   for (const char* name : {"--image", "--output"}) require_option(verb, name);
   const auto limit = start(options);
   const Image image = read_image(options.image, "image");
-  prepare_output_directory(options.output, options.force);
+  const OutputDirectory output(options.output, options.force);
   const Tissue tissue = find_tissue(image, options.tissue, options);
-  write_mask(options.output / "body_mask.nii.gz", tissue.body);
-  write_image(options.output / "shear_modulus.nii.gz", tissue.shear_modulus);
-  if (tissue.classes) write_labels(options.output / "classes.nii.gz", hard_classes(image, tissue.body, *tissue.classes));
-  const nlohmann::json report = describe(tissue);
-  write_text(options.output / "summary.json", report.dump(1) + "\n");
+  write_mask(output / "body_mask.nii.gz", tissue.body);
+  write_image(output / "shear_modulus.nii.gz", tissue.shear_modulus);
+  if (tissue.classes) write_labels(output / "classes.nii.gz", hard_classes(image, tissue.body, *tissue.classes));
+  const Json report = describe(tissue);
+  write_text(output / "summary.json", report.dump(1) + "\n");
   std::printf("body %.2f litres\n", report["body_litres"].get<double>());
   if (tissue.classes)
     for (const auto& c : report["classes"]) std::printf("class centre %8.1f  %-10s %6.2f kPa\n", c["center"].get<double>(), c["tissue"].get<std::string>().c_str(), c["shear_modulus_kpa"].get<double>());

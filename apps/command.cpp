@@ -2,9 +2,11 @@
 
 #include <unistd.h>
 
+#include <charconv>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <regex>
 #include <thread>
 
 #include "core/error.hpp"
@@ -13,11 +15,39 @@
 namespace mtled {
 
 void add_common(CLI::App& verb, CommonOptions& common, bool with_config) {
-  verb.add_option("--threads", common.threads, "threads to use (default: all processors)")->type_name("N");
+  verb.add_option("--threads", common.threads, "threads to use (default: all processors)")->type_name("N")->check(positive());
   verb.add_option("--device", common.device, "where to solve: auto, cpu, cuda or cuda:N")->capture_default_str();
   verb.add_flag("--quiet,-q", common.quiet, "no progress on standard error");
   verb.add_flag("--force", common.force, "write into an output folder that is not empty");
   if (with_config) verb.add_option("--config,-c", common.config, "TOML file with the same settings (keys: option names); the command line wins")->type_name("FILE");
+}
+
+namespace {
+
+CLI::Validator number_that(const std::string& rule, std::function<bool(double)> holds) {
+  return CLI::Validator(
+      [rule, holds](std::string& text) {
+        double value = 0;
+        if (!CLI::detail::lexical_cast(text, value)) return "'" + text + "' is not a number; it must be " + rule;
+        if (!std::isfinite(value) || !holds(value)) return text + " is not allowed: it must be " + rule;
+        return std::string();
+      },
+      rule);
+}
+
+}  // namespace
+
+CLI::Validator positive() {
+  return number_that("above 0", [](double v) { return v > 0; });
+}
+CLI::Validator not_negative() {
+  return number_that("at least 0", [](double v) { return v >= 0; });
+}
+CLI::Validator at_least_and_below(double low, double high) {
+  return number_that(concatenate("at least ", low, " and below ", high), [=](double v) { return v >= low && v < high; });
+}
+CLI::Validator from_to(double low, double high) {
+  return number_that(concatenate("from ", low, " to ", high), [=](double v) { return v >= low && v <= high; });
 }
 
 namespace {
@@ -27,9 +57,8 @@ std::string text_of(const toml::node& node, const std::string& place) {
   if (node.is_boolean()) return *node.value<bool>() ? "true" : "false";
   if (node.is_integer()) return std::to_string(*node.value<std::int64_t>());
   if (node.is_floating_point()) {
-    char buffer[64];
-    std::snprintf(buffer, sizeof buffer, "%.17g", *node.value<double>());
-    return buffer;
+    char buffer[32];
+    return {buffer, std::to_chars(buffer, buffer + sizeof buffer, *node.value<double>()).ptr};
   }
   fail(Failure::input, place, " must be a text, a number, true, false or an array of these");
 }
@@ -58,6 +87,7 @@ void apply_config(CLI::App& verb, const CommonOptions& common) {
     const bool is_path = option->get_type_name() == "FILE" || option->get_type_name() == "IMAGE" || option->get_type_name() == "DIR";
     for (std::string& v : values) {
       if (is_path) v = (common.config.parent_path() / v).string();
+      if (option->get_expected_min() == 0) v = option->get_flag_value(name, v);  // "true" of a --no-... flag is false
       option->add_result(v);
     }
     try {
@@ -74,13 +104,15 @@ void require_option(const CLI::App& verb, const std::string& name) {
 }
 
 std::unique_ptr<ThreadLimit> start(const CommonOptions& common) {
-  if (common.threads < 0) fail(Failure::usage, "--threads is ", common.threads, "; give a positive number, or leave it out to use all processors");
-  const bool cuda = common.device.rfind("cuda", 0) == 0;
+  static const std::regex cuda_device("cuda(:[0-9]+)?");
+  const bool cuda = std::regex_match(common.device, cuda_device);
   if (common.device != "auto" && common.device != "cpu" && !cuda)
     fail(Failure::usage, "--device is '", common.device, "'; choose auto, cpu, cuda or cuda:N");
   if (cuda) fail(Failure::device, "--device ", common.device, ": this build has no CUDA backend; use --device cpu");
-  const unsigned processors = std::max(1u, std::thread::hardware_concurrency());
-  return std::make_unique<ThreadLimit>(common.threads > 0 ? common.threads : int(processors));
+  const int processors = int(std::max(1u, std::thread::hardware_concurrency()));
+  if (common.threads > processors)
+    warn(concatenate("--threads ", common.threads, ": there are only ", processors, " processors; ", processors, " threads are used"));
+  return std::make_unique<ThreadLimit>(common.threads > 0 ? std::min(common.threads, processors) : processors);
 }
 
 std::function<void(const Progress&)> progress_printer(bool quiet) {

@@ -25,6 +25,12 @@ void add_common(CLI::App& verb, CommonOptions& common, bool with_config);
 /// option names without dashes. Paths there are relative to the file. Input errors: unknown key, value out of range.
 void apply_config(CLI::App& verb, const CommonOptions& common);
 
+/// Checks of numbers for CLI11: finite, and above 0 / at least 0 / in [low, high) / in [low, high].
+CLI::Validator positive();
+CLI::Validator not_negative();
+CLI::Validator at_least_and_below(double low, double high);
+CLI::Validator from_to(double low, double high);
+
 /// Usage error naming the option and what it is for, unless it was given.
 void require_option(const CLI::App& verb, const std::string& name);
 

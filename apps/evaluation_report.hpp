@@ -1,9 +1,9 @@
 #pragma once
-#include <nlohmann/json.hpp>
 #include <optional>
 
 #include "command.hpp"
 #include "imaging/evaluation.hpp"
+#include "io/json.hpp"
 
 namespace mtled {
 
@@ -13,18 +13,19 @@ struct EvaluationOptions {
 };
 void add_evaluation_options(CLI::App& verb, EvaluationOptions& options);
 
-nlohmann::json describe(const EdgeDistance& d);
-nlohmann::json describe(const PointErrors& e);
-nlohmann::json describe(const std::vector<LabelOverlap>& overlap);
+Json describe(const EdgeDistance& d);
+Json describe(const PointErrors& e);
+Json describe(const std::vector<LabelOverlap>& overlap);
 
 /// Edge distances between the fixed image and each named candidate on the fixed grid, inside `where`.
 struct NamedImage {
   std::string name;
   const Image* image;
 };
-nlohmann::json compare_edges_of(const Image& fixed, const std::vector<NamedImage>& candidates, const CannyOptions& canny, const Mask& where);
+Json compare_edges_of(const Image& fixed, const std::vector<NamedImage>& candidates, const CannyOptions& canny, const Mask& where);
 
-/// One line per candidate for the terminal.
-void print_edges(const nlohmann::json& edges);
+/// One line per candidate for the terminal: percentile Hausdorff distances of consistent edges and how many these are,
+/// and the share of edges within two voxels, of the consistent ones and of all (the consistency filter hides large errors).
+void print_edges(const Json& edges);
 
 }  // namespace mtled

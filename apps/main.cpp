@@ -5,6 +5,21 @@
 #include "core/error.hpp"
 #include "io/output.hpp"
 
+namespace {
+
+/// CLI11 would only say that a subcommand is required.
+void require_known_verb(const CLI::App& program, int argc, char** argv) {
+  if (argc < 2 || argv[1][0] == '-') return;
+  std::string verbs;
+  for (const CLI::App* verb : program.get_subcommands([](const CLI::App*) { return true; })) {
+    if (verb->check_name(argv[1])) return;
+    verbs += (verbs.empty() ? "" : ", ") + verb->get_name();
+  }
+  mtled::fail(mtled::Failure::usage, "'", argv[1], "' is no verb of this program", MTLED_IMAGING ? "" : ", which was built without ITK", "; choose one of ", verbs);
+}
+
+}  // namespace
+
 int main(int argc, char** argv) {
   using namespace mtled;
   install_interrupt_handler();
@@ -24,6 +39,7 @@ int main(int argc, char** argv) {
   add_solve(program);
   add_info(program);
   try {
+    require_known_verb(program, argc, argv);
     program.parse(argc, argv);
     return 0;
   } catch (const CLI::ParseError& error) {

@@ -17,11 +17,12 @@ void run(CLI::App& verb, const MotionsOptions& options) {
   for (const char* name : {"--moving", "--fixed", "--moving-labels", "--output"}) require_option(verb, name);
   const auto limit = start(options);
   const ImagePair pair = read_pair(options.moving, options.fixed, {});
-  prepare_output_directory(options.output, options.force);
-  const BoneLoads loads = find_motions(pair.moving, pair.fixed, options.motion, options);
-  write_motions(options.output / "motions.json", loads.motions);
-  const nlohmann::json report{{"motions", loads.report}, {"warnings", loads.warnings}};
-  write_text(options.output / "summary.json", report.dump(1) + "\n");
+  BoneLoads loads = read_loads(pair.moving, pair.fixed, options.motion);
+  const OutputDirectory output(options.output, options.force);
+  find_motions(pair.moving, pair.fixed, options.motion, options, loads);
+  write_motions(output / "motions.json", loads.motions);
+  const Json report{{"motions", loads.report}, {"warnings", loads.warnings}};
+  write_text(output / "summary.json", report.dump(1) + "\n");
   std::printf("label  turn deg  centre moves mm  similarity before -> after\n");
   for (const auto& m : loads.report)
     std::printf("%5d  %8.2f  %15.2f  %s\n", m["label"].get<int>(), m["rotation_deg"].get<double>(), m["center_displacement_mm"].get<double>(),

@@ -2,17 +2,20 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <numbers>
+#include <set>
 
 #include "core/error.hpp"
+#include "free_memory.hpp"
 #include "image_io/image_io.hpp"
+#include "imaging/same_grid.hpp"
 #include "io/tables.hpp"
 
 namespace mtled {
 namespace {
 
 constexpr double bytes_per_node = 900;  ///< measured peak of sampling and solver, images aside (perf/README.md)
+constexpr double noticeable_overlap = 0.05, impossible_overlap = 0.3;  ///< of a label's voxels in another label
 
 std::vector<TissueProperties> read_tissue_table(const std::filesystem::path& path) {
   const Table table = Table::read(path);
@@ -23,18 +26,6 @@ std::vector<TissueProperties> read_tissue_table(const std::filesystem::path& pat
     require(tissues.back().shear_modulus_kpa > 0, table.place(r), ": shear_modulus_kpa is ", tissues.back().shear_modulus_kpa, "; it must be positive");
   }
   return tissues;
-}
-
-/// Memory that is free for this program [bytes]; 0 when the system does not tell.
-double available_memory() {
-  std::ifstream file("/proc/meminfo");
-  for (std::string key, unit; file >> key;) {
-    double value = 0;
-    file >> value;
-    std::getline(file, unit);
-    if (key == "MemAvailable:") return 1024 * value;
-  }
-  return 0;
 }
 
 bool overlap(const Grid& a, const Grid& b) {
@@ -49,59 +40,91 @@ bool overlap(const Grid& a, const Grid& b) {
   return false;
 }
 
-LabelImage labels_on(const Grid& grid, const std::filesystem::path& path, const char* describe) {
-  LabelImage labels = read_labels(path, describe);
-  require(std::any_of(labels.data.begin(), labels.data.end(), [](auto v) { return v != 0; }), describe, " '", path.string(),
-          "' has no label: every voxel is 0; give one number per rigid body");
-  if (labels.grid == grid) return labels;
-  return with_context(std::string(describe) + " '" + path.string() + "'", [&] {
-    LabelImage resampled = resample_labels(labels, grid);
-    require(std::any_of(resampled.data.begin(), resampled.data.end(), [](auto v) { return v != 0; }), "no label lies inside the image; do the two belong together?");
-    return resampled;
-  });
-}
-
-nlohmann::json describe(const LabelMotion& m) {
+Json describe(const LabelMotion& m) {
   const double degrees = 180 / std::numbers::pi;
   const Vec3d turn = degrees * rotation_vector(m.motion.rotation), t = m.motion.translation;
   return {{"label", m.label}, {"rotation_deg", norm(turn)}, {"rotation_vector_deg", {turn.x, turn.y, turn.z}},
           {"center_displacement_mm", norm(t)}, {"translation_mm", {t.x, t.y, t.z}}};
 }
 
-/// Neighbouring rigid bodies that the motions push into each other: voxels of one that land in another.
-std::vector<std::string> collisions(const LabelImage& labels, const std::vector<LabelMotion>& motions) {
-  std::map<std::pair<int, int>, std::size_t> hits;
-  std::map<int, std::size_t> voxels;
-  std::map<int, const RigidMotion*> motion_of;
-  std::map<int, RigidMotion> back;
-  for (const auto& m : motions) motion_of[m.label] = &m.motion, back[m.label] = inverse(m.motion);
-  const auto& n = labels.grid.size;
-  for (int k = 0; k < n[2]; ++k)
-    for (int j = 0; j < n[1]; ++j)
-      for (int i = 0; i < n[0]; ++i) {
-        const int label = labels.at(i, j, k);
-        if (!label || !motion_of.count(label)) continue;
-        ++voxels[label];
-        const Vec3d y = motion_of[label]->apply(labels.grid.point(i, j, k));
-        for (const auto& [other, motion] : back)
-          if (other != label && std::abs(other - label) <= 2 && nearest_value<std::uint16_t>(labels, motion.apply(y), 0) == other) ++hits[{label, other}];
-      }
-  std::vector<std::string> warnings;
-  for (const auto& [pair, count] : hits)
-    if (double(count) > 0.05 * double(voxels[pair.first]))
-      warnings.push_back(concatenate("the motions push label ", pair.first, " into label ", pair.second, " (", 100 * count / voxels[pair.first], " % of its voxels); check both"));
-  return warnings;
+/// Share of the voxels of each label that its motion puts into another, moved one.
+struct Collision {
+  int label, other;
+  double share;
+};
+std::vector<Collision> collisions(const LabelImage& labels, const std::vector<LabelMotion>& motions) {
+  struct Body {
+    RigidMotion motion, back;
+    Vec3d low, high;  // [mm] corners of the box around its voxels
+    std::size_t voxels = 0;
+    std::map<int, std::size_t> hits;
+  };
+  std::map<int, Body> bodies;
+  for (const auto& m : motions) bodies[m.label].motion = m.motion, bodies[m.label].back = inverse(m.motion);
+  const auto each_voxel = [&](auto&& work) {
+    const auto& n = labels.grid.size;
+    for (int k = 0; k < n[2]; ++k)
+      for (int j = 0; j < n[1]; ++j)
+        for (int i = 0; i < n[0]; ++i)
+          if (const int label = labels.at(i, j, k))
+            if (const auto body = bodies.find(label); body != bodies.end()) work(body->second, labels.grid.point(i, j, k));
+  };
+  each_voxel([](Body& body, const Vec3d& x) {
+    if (body.voxels++ == 0) body.low = body.high = x;
+    for (int a = 0; a < 3; ++a) body.low[a] = std::min(body.low[a], x[a]), body.high[a] = std::max(body.high[a], x[a]);
+  });
+  const double voxel = std::max({labels.grid.spacing.x, labels.grid.spacing.y, labels.grid.spacing.z});
+  each_voxel([&](Body& body, const Vec3d& x) {
+    const Vec3d y = body.motion.apply(x);
+    for (const auto& [other, there] : bodies) {
+      if (&there == &body) continue;
+      const Vec3d rest = there.back.apply(y);
+      bool near = there.voxels > 0;
+      for (int a = 0; a < 3; ++a) near = near && rest[a] > there.low[a] - voxel && rest[a] < there.high[a] + voxel;
+      if (near && nearest_value<std::uint16_t>(labels, rest, 0) == other) ++body.hits[other];
+    }
+  });
+  std::vector<Collision> result;
+  for (const auto& [label, body] : bodies)
+    for (const auto& [other, count] : body.hits) result.push_back({label, other, double(count) / double(body.voxels)});
+  return result;
+}
+
+template <class T>
+bool any_marked(const Volume<T>& volume) {
+  return std::any_of(volume.data.begin(), volume.data.end(), [](auto v) { return v != 0; });
 }
 
 }  // namespace
+
+LabelImage labels_on(const Grid& grid, const std::filesystem::path& path, const char* describe) {
+  LabelImage labels = read_labels(path, describe);
+  require(any_marked(labels), describe, " '", path.string(), "': every voxel is 0; mark what belongs to it with whole numbers from 1 on");
+  if (same_grid(labels.grid, grid)) {
+    labels.grid = grid;
+    return labels;
+  }
+  return with_context(std::string(describe) + " '" + path.string() + "'", [&] {
+    LabelImage resampled = resample_labels(labels, grid);
+    require(any_marked(resampled), "nothing that it marks lies inside the image; do the two belong together?");
+    return resampled;
+  });
+}
+
+Mask mask_on(const Grid& grid, const std::filesystem::path& path, const char* describe) {
+  const LabelImage labels = labels_on(grid, path, describe);
+  Mask mask(grid);
+  for (std::size_t v = 0; v < mask.data.size(); ++v) mask.data[v] = labels.data[v] != 0;
+  return mask;
+}
 
 void add_tissue_options(CLI::App& verb, TissueOptions& o) {
   verb.add_option("--moving-mask", o.mask, "mask of the body in the moving image (default: found by threshold)")->type_name("IMAGE");
   verb.add_option("--body-threshold", o.body.threshold, "intensity above which a voxel may be body [HU]")->capture_default_str();
   verb.add_option("--shear-modulus", o.shear_modulus, "shear modulus image [kPa] instead of tissue classes")->type_name("IMAGE");
-  verb.add_option("--classes", o.fuzzy.classes, "number of fuzzy tissue classes")->capture_default_str();
+  verb.add_option("--classes", o.fuzzy.classes, "number of fuzzy tissue classes")->check(from_to(2, 100))->capture_default_str();
   verb.add_option("--class-centers", o.fuzzy.fixed_centers, "fixed class centres [intensity] instead of fuzzy c-means");
-  verb.add_option("--fuzziness", o.fuzzy.fuzziness, "exponent q > 1 of fuzzy c-means")->capture_default_str();
+  verb.add_option("--fuzziness", o.fuzzy.fuzziness, "exponent q > 1 of fuzzy c-means")->check(from_to(1.01, 20))->capture_default_str();
   verb.add_option("--tissue-table", o.tissue_table, "CSV with name,shear_modulus_kpa, one row per class by rising intensity")->type_name("FILE");
 }
 
@@ -111,11 +134,7 @@ Tissue find_tissue(const Image& moving, const TissueOptions& options, const Comm
     announce(common, "finding the body");
     tissue.body = body_mask(moving, options.body);
   } else {
-    tissue.body = read_mask(options.mask, "moving mask");
-    require(tissue.body.grid.size == moving.grid.size && norm(tissue.body.grid.origin - moving.grid.origin) < 0.01, "moving mask '", options.mask.string(),
-            "' is on another grid than the moving image; resample it");
-    tissue.body.grid = moving.grid;
-    require(std::any_of(tissue.body.data.begin(), tissue.body.data.end(), [](auto v) { return v != 0; }), "moving mask '", options.mask.string(), "' is empty");
+    tissue.body = mask_on(moving.grid, options.mask, "moving mask");
   }
   if (!options.shear_modulus.empty()) {
     tissue.shear_modulus = read_image(options.shear_modulus, "shear modulus image");
@@ -135,8 +154,8 @@ Tissue find_tissue(const Image& moving, const TissueOptions& options, const Comm
   return tissue;
 }
 
-nlohmann::json describe(const Tissue& tissue) {
-  nlohmann::json j;
+Json describe(const Tissue& tissue) {
+  Json j;
   j["body_litres"] = double(std::count_if(tissue.body.data.begin(), tissue.body.data.end(), [](auto v) { return v != 0; })) * tissue.body.grid.voxel_volume() * 1e-6;
   if (!tissue.classes) return j;
   for (std::size_t c = 0; c < tissue.classes->centers.size(); ++c)
@@ -152,59 +171,81 @@ void add_motion_options(CLI::App& verb, MotionOptions& o) {
   verb.add_option("--motions", o.motions, "motions.json: use these rigid motions instead of estimating them")->type_name("FILE");
 }
 
-BoneLoads find_motions(const Image& moving, const Image& fixed, const MotionOptions& options, const CommonOptions& common) {
+BoneLoads read_loads(const Image& moving, const Image& fixed, const MotionOptions& options) {
   BoneLoads loads;
   loads.labels = labels_on(moving.grid, options.moving_labels, "moving labels");
   if (!options.fixed_labels.empty()) loads.fixed_labels = labels_on(fixed.grid, options.fixed_labels, "fixed labels");
-  if (!options.motions.empty()) {
-    loads.motions = read_motions(options.motions);
-    std::map<int, bool> present;
-    for (auto v : loads.labels.data)
-      if (v) present[v] = true;
-    for (const auto& m : loads.motions) {
-      loads.report.push_back(describe(m));
-      require(present.count(m.label), "motions '", options.motions.string(), "' move label ", m.label, ", which no voxel of the moving labels has; remove it or correct the labels");
-      present.erase(m.label);
-    }
-    for (const auto& [label, unused] : present) loads.warnings.push_back(concatenate("label ", label, " has no motion; it is treated as soft tissue"));
-  } else {
+  if (options.motions.empty()) return loads;
+  loads.motions = read_motions(options.motions);
+  const std::string file = "motions '" + options.motions.string() + "'";
+  require(!loads.motions.empty(), file, " are empty: nothing moves the body; give at least one label and its motion");
+  std::set<int> still;
+  for (auto v : loads.labels.data)
+    if (v) still.insert(v);
+  for (const auto& m : loads.motions) {
+    require(still.erase(m.label) == 1, file, " move label ", m.label, ", which no voxel of the moving labels has; remove it or correct the labels");
+    loads.report.push_back(describe(m));
+  }
+  for (const int label : still) loads.warnings.push_back(concatenate("label ", label, " has no motion; it is treated as soft tissue"));
+  for (const std::string& w : implausible_neighbours(loads.motions)) loads.warnings.push_back(w);
+  return loads;
+}
+
+void find_motions(const Image& moving, const Image& fixed, const MotionOptions& options, const CommonOptions& common, BoneLoads& loads) {
+  if (options.motions.empty()) {
     announce(common, "registering rigid bodies");
     const BoneMotionResult found = estimate_bone_motions(moving, fixed, loads.labels, loads.fixed_labels ? &*loads.fixed_labels : nullptr, options.registration);
-    loads.warnings = found.warnings;
+    loads.warnings.insert(loads.warnings.end(), found.warnings.begin(), found.warnings.end());
     for (const BoneMotion& b : found.bones) {
       loads.motions.push_back(b.motion);
-      nlohmann::json j = describe(b.motion);
+      Json j = describe(b.motion);
       j["similarity_before"] = b.similarity_before, j["similarity_after"] = b.similarity_after;
       j["inverse_consistency_mm"] = b.inverse_consistency_mm, j["voxels"] = b.voxels;
       loads.report.push_back(j);
     }
   }
-  for (const std::string& w : collisions(loads.labels, loads.motions)) loads.warnings.push_back(w);
+  for (const auto& [label, other, share] : collisions(loads.labels, loads.motions)) {
+    if (share < noticeable_overlap) continue;
+    const std::string what = concatenate("the motions push label ", label, " into label ", other, " (", std::round(100 * share), " % of its voxels)");
+    require(share < impossible_overlap, what, ": two rigid bodies cannot be in one place; correct the motions, or leave one of the labels out");
+    loads.warnings.push_back(what + "; check both");
+  }
   for (const std::string& w : loads.warnings) warn(w);
-  return loads;
+}
+
+void compare_with_body(const Mask& body, BoneLoads& loads) {
+  std::map<int, std::pair<std::size_t, std::size_t>> voxels;  // of each label: in the body, all
+  for (std::size_t v = 0; v < body.data.size(); ++v)
+    if (const int label = loads.labels.data[v]) voxels[label].first += body.data[v] != 0, ++voxels[label].second;
+  for (const auto& [label, count] : voxels)
+    if (2 * count.first < count.second)
+      loads.warnings.push_back(concatenate("label ", label, " lies outside the body (", std::round(100.0 * double(count.first) / double(count.second)),
+                                           " % of it inside); check the labels, or give --moving-mask"));
 }
 
 void add_mechanics_options(CLI::App& verb, MechanicsOptions& o) {
-  verb.add_option("--node-spacing", o.sampling.node_spacing_mm, "distance of the nodes [mm]")->capture_default_str();
-  verb.add_option("--poisson-ratio", o.sampling.poisson_ratio, "of all tissue, at least 0 and below 0.5")->capture_default_str();
+  verb.add_option("--node-spacing", o.sampling.node_spacing_mm, "distance of the nodes [mm]")->check(positive())->capture_default_str();
+  verb.add_option("--poisson-ratio", o.sampling.poisson_ratio, "of all tissue")->check(at_least_and_below(0, 0.5))->capture_default_str();
   const std::map<std::string, Basis> bases{{"linear", Basis::linear}, {"quadratic", Basis::quadratic}, {"modified-quadratic", Basis::modified_quadratic}};
   verb.add_option("--basis", o.shapes.basis, "moving least squares: linear, quadratic or modified-quadratic")->transform(CLI::CheckedTransformer(bases))->default_str("linear");
-  verb.add_option("--dilatation", o.shapes.dilatation, "support radius in node spacings (about 2.25 for the quadratic bases)")->check(CLI::Range(1.05, 4.0))->capture_default_str();
+  verb.add_option("--dilatation", o.shapes.dilatation, "support radius in node spacings (about 2.25 for the quadratic bases)")->check(from_to(1.05, 4))->capture_default_str();
   const std::map<std::string, Relaxation> schemes{{"two-level", Relaxation::two_level}, {"plain", Relaxation::plain}};
   verb.add_option("--relaxation", o.solver.relaxation, "two-level, or plain: the published scheme")->transform(CLI::CheckedTransformer(schemes))->default_str("two-level");
-  verb.add_option("--tolerance", o.solver.tolerance_mm, "of the estimated displacement error [mm]; 0.05 keeps the true one below 0.1")->check(CLI::PositiveNumber)->capture_default_str();
-  verb.add_option("--max-steps", o.solver.max_steps, "give up after so many relaxation steps")->check(CLI::PositiveNumber)->capture_default_str();
+  verb.add_option("--tolerance", o.solver.tolerance_mm, "of the estimated displacement error [mm]; 0.05 keeps the true one below 0.1")->check(positive())->capture_default_str();
+  verb.add_option("--max-steps", o.solver.max_steps, "give up after so many relaxation steps")->check(positive())->capture_default_str();
+}
+
+void require_memory(const Mask& body, double spacing) {
+  const double volume = double(std::count_if(body.data.begin(), body.data.end(), [](auto v) { return v != 0; })) * body.grid.voxel_volume();
+  const double nodes = 1.1 * volume / (spacing * spacing * spacing), needed = nodes * bytes_per_node, there = free_memory();
+  if (there > 0 && needed > there)
+    fail(Failure::memory, "a node spacing of ", spacing, " mm gives about ", nodes, " nodes, which need ", needed / 1e9, " GB, but only ", there / 1e9,
+         " GB of memory are free; use --node-spacing ", std::ceil(10 * spacing * std::cbrt(needed / there)) / 10, " or more");
 }
 
 Deformation::Deformation(const Tissue& tissue, const BoneLoads& loads, const MechanicsOptions& options, const CommonOptions& common) {
   announce(common, "placing nodes and integration points");
   const double spacing = options.sampling.node_spacing_mm;
-  require(spacing > 0, "--node-spacing is ", spacing, " mm; it must be positive");
-  const double litres = double(std::count_if(tissue.body.data.begin(), tissue.body.data.end(), [](auto v) { return v != 0; })) * tissue.body.grid.voxel_volume();
-  const double nodes = 1.1 * litres / (spacing * spacing * spacing), needed = nodes * bytes_per_node, there = available_memory();
-  if (there > 0 && needed > there)
-    fail(Failure::memory, "about ", nodes, " nodes need ", needed / 1e9, " GB, but only ", there / 1e9, " GB of memory are free; use a node spacing of ",
-         spacing * std::cbrt(needed / there), " mm or more");
   body_ = sample_body(tissue.body, tissue.shear_modulus, loads.labels, loads.motions, options.sampling);
   for (int label : body_.labels_without_nodes) warn(concatenate("label ", label, " holds no node at a spacing of ", spacing, " mm and does not move the body; use a smaller --node-spacing"));
   std::vector<std::uint8_t> prescribed(body_.cloud.size(), 0);

@@ -1,5 +1,4 @@
 #pragma once
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 #include <vector>
@@ -11,6 +10,7 @@
 #include "imaging/bone_motion.hpp"
 #include "imaging/tissue.hpp"
 #include "imaging/warp.hpp"
+#include "io/json.hpp"
 
 namespace mtled {
 
@@ -30,7 +30,7 @@ struct Tissue {
   std::vector<TissueProperties> table;
 };
 Tissue find_tissue(const Image& moving, const TissueOptions& options, const CommonOptions& common);
-nlohmann::json describe(const Tissue& tissue);
+Json describe(const Tissue& tissue);
 
 /// Settings of the motion stage.
 struct MotionOptions {
@@ -44,11 +44,15 @@ struct BoneLoads {
   LabelImage labels;                          ///< on the moving grid
   std::optional<LabelImage> fixed_labels;     ///< on the fixed grid
   std::vector<LabelMotion> motions;
-  nlohmann::json report;                      ///< per label: rotation, translation, similarity, ...
+  Json report;                      ///< per label: rotation, translation, similarity, ...
   std::vector<std::string> warnings;
 };
-/// Reads the labels (resampled to the images' grids) and reads or estimates the motions.
-BoneLoads find_motions(const Image& moving, const Image& fixed, const MotionOptions& options, const CommonOptions& common);
+/// Reads the labels, resampled to the images' grids, and the motions if they are given.
+BoneLoads read_loads(const Image& moving, const Image& fixed, const MotionOptions& options);
+/// Estimates the motions unless they were given; warns of what looks wrong. Input error: one body moves into another.
+void find_motions(const Image& moving, const Image& fixed, const MotionOptions& options, const CommonOptions& common, BoneLoads& loads);
+/// Warns of labels that lie outside the body.
+void compare_with_body(const Mask& body, BoneLoads& loads);
 
 /// Settings of discretisation and solver.
 struct MechanicsOptions {
@@ -57,6 +61,9 @@ struct MechanicsOptions {
   SolverOptions solver;
 };
 void add_mechanics_options(CLI::App& verb, MechanicsOptions& options);
+
+/// Memory error when a body sampled at this node spacing would need more than is free.
+void require_memory(const Mask& body, double node_spacing_mm);
 
 /// The deformed body.
 class Deformation {
@@ -75,6 +82,10 @@ class Deformation {
   std::optional<ShapeEvaluator> evaluator_;
   Solution solution_;
 };
+
+/// `mask` or labels read from a file, on the grid of the image they belong to. Input errors: no overlap, nothing marked.
+Mask mask_on(const Grid& grid, const std::filesystem::path& path, const char* describe);
+LabelImage labels_on(const Grid& grid, const std::filesystem::path& path, const char* describe);
 
 /// Both images, resampled to `spacing` when it is not empty. Input error when they do not overlap in space.
 struct ImagePair {

@@ -1,4 +1,6 @@
+#include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 
 #include "core/error.hpp"
@@ -21,6 +23,7 @@ struct RegisterOptions : CommonOptions {
   MotionOptions motion;
   MechanicsOptions mechanics;
   EvaluationOptions evaluation;
+  std::filesystem::path points;
   Interpolation interpolation = Interpolation::linear;
   double outside = -1000;
   bool evaluate = true;
@@ -37,44 +40,56 @@ class StageTimes {
     seconds_[stage] = std::chrono::duration<double>(now - last_).count();
     last_ = now;
   }
-  const nlohmann::json& seconds() const { return seconds_; }
+  const Json& seconds() const { return seconds_; }
 
  private:
-  nlohmann::json seconds_ = nlohmann::json::object();
+  Json seconds_ = Json::object();
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
 
-nlohmann::json describe(const JacobianStatistics& s) {
+Json describe(const JacobianStatistics& s) {
   return {{"min", s.minimum}, {"percentile_1", s.percentile_1}, {"median", s.median}, {"percentile_99", s.percentile_99}, {"max", s.maximum}, {"folded_voxels", s.folded}, {"voxels", s.voxels}};
 }
 
 /// Where edges are compared: around what the deformed moving body covers of the fixed image.
 Mask evaluation_region(const Mask& covered) { return dilate(covered, evaluation_margin_mm); }
 
-nlohmann::json evaluate(const RegisterOptions& options, const ImagePair& pair, const Tissue& tissue, const BoneLoads& loads, const Deformation& deformation,
-                        const DenseField& forward, const DenseField& inverse, const Image& warped) {
+/// Corresponding points; empty without --landmarks.
+struct Landmarks {
+  std::vector<Vec3d> moving, fixed;
+};
+Landmarks read_landmarks(const std::filesystem::path& file) {
+  if (file.empty()) return {};
+  Landmarks landmarks{read_points(file, {"mx", "my", "mz"}), read_points(file, {"fx", "fy", "fz"})};
+  require(!landmarks.moving.empty(), "'", file.string(), "' holds no landmarks; give at least one pair, or leave --landmarks out");
+  return landmarks;
+}
+
+Json landmark_errors(const Landmarks& landmarks, const RigidMotion& rigid, const std::vector<Vec3d>& warped) {
+  Landmarks rigidly = landmarks, inside;
+  for (Vec3d& x : rigidly.moving) x = rigid.apply(x);
+  for (std::size_t p = 0; p < warped.size(); ++p)
+    if (std::isfinite(warped[p].x)) inside.moving.push_back(warped[p]), inside.fixed.push_back(landmarks.fixed[p]);
+  Json report;
+  report["before"] = describe(point_errors(landmarks.moving, landmarks.fixed));
+  report["rigid"] = describe(point_errors(rigidly.moving, landmarks.fixed));
+  if (inside.moving.size() < warped.size()) warn(concatenate(warped.size() - inside.moving.size(), " landmarks lie outside the moving image and are left out"));
+  if (!inside.moving.empty()) report["mtled"] = describe(point_errors(inside.moving, inside.fixed));
+  return report;
+}
+
+Json evaluate(const RegisterOptions& options, const ImagePair& pair, const Tissue& tissue, const BoneLoads& loads, const Landmarks& landmarks,
+              const Deformation& deformation, const DenseField& forward, const DenseField& inverse, const Image& warped) {
   announce(options, "evaluating");
-  nlohmann::json report;
+  Json report;
   Mask fixed_region = evaluation_region(inverse.covered);
   const RigidMotion rigid = register_rigidly(pair.moving, pair.fixed, &tissue.body, nullptr);
   const RigidMotion identity;
   const Image before = warp_image_rigidly(pair.moving, pair.fixed.grid, identity, Interpolation::linear, float(options.outside));
   const Image rigidly = warp_image_rigidly(pair.moving, pair.fixed.grid, rigid, Interpolation::linear, float(options.outside));
-  report["edges"] = compare_edges_of(pair.fixed, {{"before", &before}, {"rigid", &rigidly}, {"mtled", &warped}}, options.evaluation.canny, fixed_region);
   write_png(options.output / "overlay.png", overlay_figure(pair.fixed, {{"before", &before}, {"rigid registration", &rigidly}, {"mtled", &warped}}));
-  if (!options.evaluation.landmarks.empty()) {
-    const auto from = read_points(options.evaluation.landmarks, {"mx", "my", "mz"}), to = read_points(options.evaluation.landmarks, {"fx", "fy", "fz"});
-    std::vector<Vec3d> rigid_points;
-    for (const Vec3d& x : from) rigid_points.push_back(rigid.apply(x));
-    report["landmarks"]["before"] = describe(point_errors(from, to));
-    report["landmarks"]["rigid"] = describe(point_errors(rigid_points, to));
-    std::vector<Vec3d> inside, target;
-    const std::vector<Vec3d> warped_points = warp_points(from, deformation.function(), forward.displacement);
-    for (std::size_t p = 0; p < from.size(); ++p)
-      if (std::isfinite(warped_points[p].x)) inside.push_back(warped_points[p]), target.push_back(to[p]);
-    if (inside.size() < from.size()) warn(concatenate(from.size() - inside.size(), " landmarks lie outside the moving image and are left out"));
-    report["landmarks"]["mtled"] = describe(point_errors(inside, target));
-  }
+  report["edges"] = compare_edges_of(pair.fixed, {{"before", &before}, {"rigid", &rigidly}, {"mtled", &warped}}, options.evaluation.canny, fixed_region);
+  if (!landmarks.moving.empty()) report["landmarks"] = landmark_errors(landmarks, rigid, warp_points(landmarks.moving, deformation.function(), forward.displacement));
   if (loads.fixed_labels) {
     report["labels"]["before"] = describe(label_overlap(resample_labels(loads.labels, pair.fixed.grid), *loads.fixed_labels));
     report["labels"]["mtled"] = describe(label_overlap(warp_labels(loads.labels, inverse.displacement), *loads.fixed_labels));
@@ -82,7 +97,16 @@ nlohmann::json evaluate(const RegisterOptions& options, const ImagePair& pair, c
   return report;
 }
 
-void print_summary(const nlohmann::json& summary, const std::filesystem::path& output) {
+/// points.csv: where the given points of the moving image go; empty cells outside it.
+void write_point_displacements(const std::filesystem::path& file, const std::vector<Vec3d>& points, const Deformation& deformation, const DenseField& forward) {
+  std::vector<Vec3d> u = warp_points(points, deformation.function(), forward.displacement);
+  for (std::size_t p = 0; p < points.size(); ++p) u[p] = u[p] - points[p];
+  const auto outside = std::count_if(u.begin(), u.end(), [](const Vec3d& d) { return std::isnan(d.x); });
+  if (outside > 0) warn(concatenate(outside, " of ", points.size(), " points lie outside the moving image; their displacement is left empty"));
+  write_displacements(file, points, u);
+}
+
+void print_summary(const Json& summary, const std::filesystem::path& output) {
   const auto& solver = summary["solver"];
   std::printf("converged after %d steps, estimated error %.3g mm; %zu nodes\n", solver["steps"].get<int>(), solver["error_estimate_mm"].get<double>(), solver["nodes"].get<std::size_t>());
   std::printf("smallest volume ratio %.3f, %zu folded voxels\n", summary["jacobian"]["min"].get<double>(), summary["jacobian"]["folded_voxels"].get<std::size_t>());
@@ -103,11 +127,16 @@ void run(CLI::App& verb, RegisterOptions& options) {
   StageTimes times;
   announce(options, "reading images");
   const ImagePair pair = read_pair(options.moving, options.fixed, options.resample);
-  prepare_output_directory(options.output, options.force);
+  BoneLoads loads = read_loads(pair.moving, pair.fixed, options.motion);
+  const Landmarks landmarks = read_landmarks(options.evaluation.landmarks);
+  const std::vector<Vec3d> points = options.points.empty() ? std::vector<Vec3d>() : read_points(options.points);
+  const OutputDirectory output(options.output, options.force);
   times.lap("reading");
   const Tissue tissue = find_tissue(pair.moving, options.tissue, options);
+  require_memory(tissue.body, options.mechanics.sampling.node_spacing_mm);
+  compare_with_body(tissue.body, loads);
   times.lap("tissue");
-  const BoneLoads loads = find_motions(pair.moving, pair.fixed, options.motion, options);
+  find_motions(pair.moving, pair.fixed, options.motion, options, loads);
   times.lap("motions");
   const Deformation deformation(tissue, loads, options.mechanics, options);
   times.lap("mechanics");
@@ -121,7 +150,7 @@ void run(CLI::App& verb, RegisterOptions& options) {
   const Image warped = warp_image(pair.moving, inverse.displacement, options.interpolation, float(options.outside));
   times.lap("warp");
 
-  nlohmann::json summary;
+  Json summary;
   summary["program"] = "mtled " MTLED_VERSION;
   for (const CLI::Option* option : verb.get_options())
     if (!option->get_lnames().empty() && option->count() > 0) summary["settings"][option->get_lnames()[0]] = option->results();
@@ -135,24 +164,26 @@ void run(CLI::App& verb, RegisterOptions& options) {
   if (summary["jacobian"]["folded_voxels"].get<std::size_t>() > 0) warn("the deformation folds at some voxels (see summary.json); results there are not to be trusted");
 
   announce(options, "writing");
-  write_image(options.output / "warped.nii.gz", warped);
-  write_labels(options.output / "warped_labels.nii.gz", warp_labels(loads.labels, inverse.displacement));
-  write_mask(options.output / "body_mask.nii.gz", tissue.body);
-  write_mask(options.output / "warped_body.nii.gz", inverse.covered);
-  write_image(options.output / "shear_modulus.nii.gz", tissue.shear_modulus);
-  write_motions(options.output / "motions.json", loads.motions);
-  write_vector_image(options.output / "moving_to_fixed.nrrd", forward.displacement);
-  write_vector_image(options.output / "fixed_to_moving.nrrd", inverse.displacement);
-  write_displacement_transform(options.output / "fixed_to_moving.h5", inverse.displacement);
-  write_nodes(options.output, deformation.body().cloud, deformation.solution());
-  write_png(options.output / "displacement.png", displacement_figure(pair.moving, forward.displacement, forward.covered));
+  std::filesystem::remove(output / "summary.json");  // written last: a folder without it is not complete
+  write_image(output / "warped.nii.gz", warped);
+  write_labels(output / "warped_labels.nii.gz", warp_labels(loads.labels, inverse.displacement));
+  write_mask(output / "body_mask.nii.gz", tissue.body);
+  write_mask(output / "warped_body.nii.gz", inverse.covered);
+  write_image(output / "shear_modulus.nii.gz", tissue.shear_modulus);
+  write_motions(output / "motions.json", loads.motions);
+  write_vector_image(output / "moving_to_fixed.nrrd", forward.displacement);
+  write_vector_image(output / "fixed_to_moving.nrrd", inverse.displacement);
+  write_displacement_transform(output / "fixed_to_moving.h5", inverse.displacement);
+  write_nodes(output.path(), deformation.body().cloud, deformation.solution());
+  if (!options.points.empty()) write_point_displacements(output / "points.csv", points, deformation, forward);
+  write_png(output / "displacement.png", displacement_figure(pair.moving, forward.displacement, forward.covered));
   times.lap("writing");
   if (options.evaluate) {
-    summary["evaluation"] = evaluate(options, pair, tissue, loads, deformation, forward, inverse, warped);
+    summary["evaluation"] = evaluate(options, pair, tissue, loads, landmarks, deformation, forward, inverse, warped);
     times.lap("evaluation");
   }
   summary["stage_seconds"] = times.seconds();
-  write_text(options.output / "summary.json", summary.dump(1) + "\n");
+  write_text(output / "summary.json", summary.dump(1) + "\n");
   print_summary(summary, options.output);
 }
 
@@ -164,10 +195,11 @@ void add_register(CLI::App& program) {
   verb->add_option("--moving,-m", options->moving, "moving image: NIfTI, NRRD, MetaImage or a folder with a DICOM series")->type_name("IMAGE");
   verb->add_option("--fixed,-f", options->fixed, "fixed image")->type_name("IMAGE");
   verb->add_option("--output,-o", options->output, "folder for the results")->type_name("DIR");
-  verb->add_option("--resample", options->resample, "resample both images to this voxel spacing first [mm], three numbers")->expected(3)->check(CLI::PositiveNumber);
+  verb->add_option("--resample", options->resample, "resample both images to this voxel spacing first [mm], three numbers")->expected(3)->check(positive());
   add_motion_options(*verb, options->motion);
   add_tissue_options(*verb, options->tissue);
   add_mechanics_options(*verb, options->mechanics);
+  verb->add_option("--points", options->points, "CSV with x,y,z [mm, LPS] on the moving image: points.csv gets their displacements")->type_name("FILE");
   const std::map<std::string, Interpolation> kinds{{"linear", Interpolation::linear}, {"cubic", Interpolation::cubic}};
   verb->add_option("--interpolation", options->interpolation, "of the warped image: linear or cubic (B-spline)")->transform(CLI::CheckedTransformer(kinds))->default_str("linear");
   verb->add_option("--outside", options->outside, "value of the warped image where the moving image does not reach")->capture_default_str();

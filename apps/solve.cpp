@@ -27,19 +27,19 @@ std::vector<Vec3d> displacement_at_probes(const ShapeEvaluator& evaluator, const
 void run(const SolveOptions& options) {
   const auto limit = start(options);
   SolveCase problem = read_case(options.case_file);
-  prepare_output_directory(options.output, options.force);
+  const OutputDirectory output(options.output, options.force);
   problem.solver.progress = progress_printer(options.quiet);
   std::vector<std::uint8_t> prescribed(problem.cloud.size(), 0);
   for (int n : problem.constraints.node) prescribed[std::size_t(n)] = 1;
   const ShapeEvaluator evaluator(problem.cloud, std::move(prescribed), problem.shapes);
   for (std::size_t p = 0; p < problem.probes.size(); ++p)
-    require(evaluator.covers(problem.probes[p]), "probe ", p, " at (", problem.probes[p].x, ", ", problem.probes[p].y, ", ", problem.probes[p].z,
+    require(evaluator.touches(problem.probes[p]), "probe ", p, " at (", problem.probes[p].x, ", ", problem.probes[p].y, ", ", problem.probes[p].z,
             ") mm lies outside the body; remove it");
   const Solution solution = solve(evaluator, problem.points, problem.constraints, problem.solver);
-  if (!problem.probes.empty()) write_displacements(options.output / "probes.csv", problem.probes, displacement_at_probes(evaluator, solution, problem.probes));
-  write_nodes(options.output, problem.cloud, solution);
-  const nlohmann::json summary = summary_of(solution);
-  write_text(options.output / "summary.json", summary.dump(1) + "\n");
+  if (!problem.probes.empty()) write_displacements(output / "probes.csv", problem.probes, displacement_at_probes(evaluator, solution, problem.probes));
+  write_nodes(output.path(), problem.cloud, solution);
+  const Json summary = summary_of(solution);
+  write_text(output / "summary.json", summary.dump(1) + "\n");
   std::printf("%s after %d steps (%d force evaluations), estimated error %.3g mm, strain energy %.6g mN mm, %.3g s\n",
               solution.converged ? "converged" : "NOT CONVERGED", solution.steps, solution.force_evaluations, solution.error_estimate_mm,
               solution.strain_energy, summary["seconds"].get<double>());

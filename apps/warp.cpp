@@ -15,6 +15,19 @@ struct WarpOptions : CommonOptions {
   double outside = -1000;
 };
 
+/// True when any voxel of the field takes its value from `grid`.
+bool reaches(const VectorImage& field, const Grid& grid) {
+  const Mask there(grid, 1);
+  const auto& n = field.grid.size;
+  for (int k = 0; k < n[2]; ++k)
+    for (int j = 0; j < n[1]; ++j)
+      for (int i = 0; i < n[0]; ++i) {
+        const Vec3f& v = field.data[field.grid.offset(i, j, k)];
+        if (nearest_value<std::uint8_t>(there, field.grid.point(i, j, k) + Vec3d{v.x, v.y, v.z}, 0)) return true;
+      }
+  return false;
+}
+
 /// Images need the field that leads back from their new grid; points the one that leads on.
 void run(CLI::App& verb, const WarpOptions& options) {
   apply_config(verb, options);
@@ -35,11 +48,22 @@ void run(CLI::App& verb, const WarpOptions& options) {
       else ++outside;
     }
     require(outside == 0, outside, " of ", points.size(), " points lie outside the ", onwards ? "moving" : "fixed", " image; remove them");
+    require(!points.empty(), "'", options.points.string(), "' holds no points; give at least one row");
     write_points(options.output, points);
-  } else if (!options.image.empty()) {
-    write_image(options.output, warp_image(read_image(options.image, "image"), field(!onwards), options.interpolation, float(options.outside)));
   } else {
-    write_labels(options.output, warp_labels(read_labels(options.labels, "labels"), field(!onwards)));
+    const VectorImage v = field(!onwards);
+    const auto require_reached = [&](const Grid& grid, const std::filesystem::path& file) {
+      require(reaches(v, grid), "'", file.string(), "' and the ", onwards ? "moving" : "fixed", " image of this result do not overlap in space; check --direction and the file");
+    };
+    if (!options.image.empty()) {
+      const Image image = read_image(options.image, "image");
+      require_reached(image.grid, options.image);
+      write_image(options.output, warp_image(image, v, options.interpolation, float(options.outside)));
+    } else {
+      const LabelImage labels = read_labels(options.labels, "labels");
+      require_reached(labels.grid, options.labels);
+      write_labels(options.output, warp_labels(labels, v));
+    }
   }
   std::printf("wrote %s\n", options.output.string().c_str());
 }

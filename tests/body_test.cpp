@@ -22,8 +22,8 @@ void for_each_voxel(const Grid& grid, Visit visit) {
     for (int j = 0; j < grid.size[1]; ++j)
       for (int i = 0; i < grid.size[0]; ++i) visit(i, j, k, grid.point(i, j, k));
 }
-/// A thorax without arms, cut by the first and last slice: two lungs that reach both, bowel gas, a couch that touches the
-/// back, a thin sheet around it.
+/// A thorax without arms, cut by the first and last slice: two lungs that reach both, bowel gas, a couch that touches
+/// the back, a thin sheet around it.
 bool in_body(const Vec3d& x) { return in_ellipse(x.x, x.y, 62, 42); }
 float intensity(const Vec3d& x) {
   if (in_body(x)) {
@@ -31,8 +31,8 @@ float intensity(const Vec3d& x) {
     if (norm(x - Vec3d{0, -15, 0}) < 8) return air;
     return in_ellipse(x.x, x.y - 25, 9, 9) ? bone : soft;
   }
-  if (x.y > 42 && x.y < 50 && std::abs(x.x) < 75) return -200;       // couch
-  if (std::abs(x.y + 50) < 2 && std::abs(x.x) < 40) return -300;     // sheet
+  if (x.y > 42 && x.y < 50 && std::abs(x.x) < 75) return -200;    // couch
+  if (std::abs(x.y + 50) < 2 && std::abs(x.x) < 40) return -300;  // sheet
   return air;
 }
 Image thorax(const Grid& grid) {
@@ -42,7 +42,8 @@ Image thorax(const Grid& grid) {
 }
 double dice(const Mask& a, const Mask& b) {
   double both = 0, sum = 0;
-  for (std::size_t v = 0; v < a.data.size(); ++v) both += a.data[v] && b.data[v], sum += (a.data[v] != 0) + (b.data[v] != 0);
+  for (std::size_t v = 0; v < a.data.size(); ++v)
+    both += a.data[v] && b.data[v], sum += (a.data[v] != 0) + (b.data[v] != 0);
   return 2 * both / sum;
 }
 Mask true_body(const Grid& grid) {

@@ -11,18 +11,19 @@ namespace mtled {
 namespace {
 
 constexpr double degree = 0.017453292519943295;
-constexpr double shift_tolerance_mm = 0.2, turn_tolerance_deg = 0.2;  ///< a tenth of a voxel; the turn moves a tip as far
+constexpr double shift_tolerance_mm = 0.2,
+                 turn_tolerance_deg = 0.2;  ///< a tenth of a voxel; the turn moves a tip as far
 
 struct Blob {
-  Vec3d center;     ///< [mm]
-  double sigma = 0; ///< [mm]
+  Vec3d center;      ///< [mm]
+  double sigma = 0;  ///< [mm]
   double height = 0;
 };
 
 /// A vertebra of blobs: body, spinous process and two transverse processes of a length of their own.
 std::vector<Blob> vertebra(int level) {
   const double z = 28.0 * level - 42, left = 14 + 3 * (level % 3), right = 20 - 2 * (level % 2), lean = 2.0 * level;
-  return {{{-7, lean, z - 4}, 5, 400},    {{7, lean, z - 3}, 5, 420},        {{0, lean - 6, z + 4}, 5, 380},
+  return {{{-7, lean, z - 4}, 5, 400},     {{7, lean, z - 3}, 5, 420},          {{0, lean - 6, z + 4}, 5, 380},
           {{0, lean + 22, z - 6}, 4, 500}, {{-left, lean + 12, z + 2}, 4, 450}, {{right, lean + 12, z}, 4, 450}};
 }
 
@@ -33,7 +34,8 @@ struct Phantom {
   double vertebra_intensity(int level, const Vec3d& y) const {
     double sum = 0;
     for (const Blob& blob : vertebra(level))
-      sum += blob.height * std::exp(-squared_norm(y - motions[level].apply(blob.center)) / (2 * blob.sigma * blob.sigma));
+      sum +=
+          blob.height * std::exp(-squared_norm(y - motions[level].apply(blob.center)) / (2 * blob.sigma * blob.sigma));
     return sum;
   }
   double intensity(const Vec3d& y) const {
@@ -86,8 +88,14 @@ Phantom bent() {
   return phantom;
 }
 
-const Pair& moving() { static const Pair pair = scan(Phantom{}, moving_grid()); return pair; }
-const Pair& fixed() { static const Pair pair = scan(bent(), fixed_grid()); return pair; }
+const Pair& moving() {
+  static const Pair pair = scan(Phantom{}, moving_grid());
+  return pair;
+}
+const Pair& fixed() {
+  static const Pair pair = scan(bent(), fixed_grid());
+  return pair;
+}
 
 void expect_near(const RigidMotion& found, const RigidMotion& truth, const std::string& what) {
   EXPECT_LT(norm(found.apply(found.center) - truth.apply(found.center)), shift_tolerance_mm) << what;
@@ -156,7 +164,8 @@ TEST(BoneMotion, LeavesOutLabelsThatOneSideLacks) {
   LabelImage some = fixed().labels;
   for (auto& label : some.data)
     if (label == 2) label = 9;
-  const auto result = estimate_bone_motions(moving().image, fixed().image, moving().labels, &some, {.check_inverse = false});
+  const auto result =
+      estimate_bone_motions(moving().image, fixed().image, moving().labels, &some, {.check_inverse = false});
   EXPECT_EQ(result.bones.size(), 3u);
   EXPECT_TRUE(mentions(result.warnings, "label 2 is in the moving but not in the fixed labels"));
   EXPECT_TRUE(mentions(result.warnings, "label 9 is in the fixed but not in the moving labels"));
@@ -178,7 +187,8 @@ TEST(BoneMotion, WarnsOfLabelsAtTheBorderOfTheMovingImage) {
   Grid cut = moving_grid();
   cut.origin.z += 40, cut.size[2] -= 16;
   const Pair part = scan(Phantom{}, cut);
-  const auto result = estimate_bone_motions(part.image, fixed().image, part.labels, &fixed().labels, {.check_inverse = false});
+  const auto result =
+      estimate_bone_motions(part.image, fixed().image, part.labels, &fixed().labels, {.check_inverse = false});
   EXPECT_TRUE(mentions(result.warnings, "label 1 touches the border"));
   EXPECT_FALSE(mentions(result.warnings, "label 2 touches the border"));
 }
@@ -228,7 +238,8 @@ TEST(ImplausibleNeighbours, AcceptASmoothColumn) { EXPECT_TRUE(implausible_neigh
 
 TEST(ImplausibleNeighbours, NameAMixUpByOneLevel) {
   auto motions = smooth_column();
-  for (int level = 4; level < 8; ++level) motions[level].motion.translation += motions[level].motion.rotation * Vec3d{0, 0, 25};
+  for (int level = 4; level < 8; ++level)
+    motions[level].motion.translation += motions[level].motion.rotation * Vec3d{0, 0, 25};
   const auto warnings = implausible_neighbours(motions);
   ASSERT_EQ(warnings.size(), 1u);
   EXPECT_NE(warnings[0].find("labels 4 and 5"), std::string::npos);

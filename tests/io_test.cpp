@@ -39,7 +39,7 @@ TEST_F(OutputTest, FolderThatStaysEmptyIsRemovedAgain) {
 TEST_F(OutputTest, FolderWithResultsNeedsForce) {
   file("old.csv", "x");
   expect_failure(Failure::output, {"not empty", "--force"}, [&] { OutputDirectory(folder(), false); });
-  EXPECT_NO_THROW(prepare_output_directory(folder(), true));
+  EXPECT_NO_THROW(OutputDirectory(folder(), true));
 }
 
 TEST_F(OutputTest, FolderThatIsAFileIsRefused) {

@@ -111,8 +111,9 @@ TEST(FuzzyCMeans, TwoValuesAreTheirOwnClasses) {
 }
 
 TEST(FuzzyCMeans, SymmetricThreeValuesHaveAClosedForm) {
-  // Values -1, 0, 1 (equal counts), centres -c and c, q = 2. u of the value 1 in the class of c is (1+c)^2 / (2 (1+c^2)), and
-  // 1/2 for the value 0; the fixed point of the update solves c = ((1+c)^4 - (1-c)^4) / ((1+c)^4 + (1-c)^4 + (1+c^2)^2).
+  // Values -1, 0, 1 (equal counts), centres -c and c, q = 2. u of the value 1 in the class of c is (1+c)^2 / (2
+  // (1+c^2)), and 1/2 for the value 0; the fixed point of the update solves c = ((1+c)^4 - (1-c)^4) / ((1+c)^4 +
+  // (1-c)^4 + (1+c^2)^2).
   double c = 0.8;
   for (int i = 0; i < 200; ++i) {
     const double p = std::pow(1 + c, 4), m = std::pow(1 - c, 4), s = 1 + c * c;
@@ -150,11 +151,14 @@ TEST(FuzzyCMeans, EightClassesStartFromCtAnchorsOrQuantiles) {
 TEST(FuzzyCMeans, ExplainsWhatCannotBeClassified) {
   const Image constant = image_of({7, 7, 7, 7}), image = three_tissues();
   const Histogram flat = histogram(constant, everywhere(constant), 1), samples = histogram(image, everywhere(image), 1);
-  EXPECT_NE(error_of([&] { fuzzy_c_means(flat, {.classes = 2}); }).find("fewer distinct intensities (1) than classes (2)"),
-            std::string::npos);
+  EXPECT_NE(
+      error_of([&] { fuzzy_c_means(flat, {.classes = 2}); }).find("fewer distinct intensities (1) than classes (2)"),
+      std::string::npos);
   EXPECT_NE(error_of([&] { fuzzy_c_means(samples, {.classes = 1}); }).find("at least 2"), std::string::npos);
   EXPECT_NE(error_of([&] { fuzzy_c_means(samples, {.fuzziness = 1}); }).find("greater than 1"), std::string::npos);
-  EXPECT_NE(error_of([&] { fuzzy_c_means(samples, {.classes = 3, .fixed_centers = {1, 2}}); }).find("one per class"),
+  EXPECT_NE(error_of([&] {
+              fuzzy_c_means(samples, {.classes = 3, .fixed_centers = {1, 2}});
+            }).find("one per class"),
             std::string::npos);
   EXPECT_NE(error_of([&] { histogram(image, Mask(image.grid), 1); }).find("mask is empty"), std::string::npos);
   EXPECT_NE(error_of([&] { histogram(image, everywhere(image), 1e-9); }).find("larger bin width"), std::string::npos);

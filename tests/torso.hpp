@@ -57,7 +57,7 @@ inline std::vector<LabelMotion> motions() {
     RigidMotion m;
     m.center = bone_center(label);
     m.rotation = rotation_matrix({0.03 * s, 0.01 * s, 0.01});
-    m.translation = {1 + 0.6 * s, 1.2 * s * s - 2, 0.5 * s};
+    m.translation = {3 + 0.6 * s, 1.2 * s * s - 7, 2 + 0.5 * s};
     result.push_back({label, m});
   }
   return result;

@@ -63,8 +63,9 @@ Lattice lattice_around(const Mask& body, double spacing) {
   const double margin = norm(body.grid.spacing) / 2;
   double positions = 1;
   for (int a = 0; a < 3; ++a) {
-    // Anchored at the image's first voxel: a slightly different mask gives the same nodes.
-    const double anchor = body.grid.origin[a];
+    // Anchored at the image's lowest corner: neither the mask nor the order of the voxels moves the nodes.
+    double anchor = inf;
+    for (int c = 0; c < 8; ++c) anchor = std::min(anchor, body.grid.point(c & 1 ? n[0] - 1 : 0, c & 2 ? n[1] - 1 : 0, c & 4 ? n[2] - 1 : 0)[a]);
     lattice.origin[a] = anchor + spacing * std::floor((low[a] - margin - anchor) / spacing);
     lattice.size[a] = int(std::ceil((high[a] + margin - lattice.origin[a]) / spacing)) + 1;
     positions *= lattice.size[a];

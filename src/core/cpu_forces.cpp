@@ -127,12 +127,6 @@ FieldView<Real> view(const NodalField<Real>& u) { return {{u.component(0), u.com
 template <class Real>
 MutableFieldView<Real> view(NodalField<Real>& u) { return {{u.component(0), u.component(1), u.component(2)}}; }
 
-template <class Real>
-void clear(NodalField<Real>& f) {
-  for (int c = 0; c < 3; ++c)
-    parallel_pieces(f.slots() + NodalField<Real>::padding, 32768, [&](std::size_t b, std::size_t e) { std::fill(f.component(c) + b, f.component(c) + e, Real(0)); });
-}
-
 /// body(range number) for the even ranges, then for the odd ones.
 template <class Body>
 void each_range(std::size_t ranges, Body&& body) {
@@ -144,7 +138,7 @@ void each_range(std::size_t ranges, Body&& body) {
 
 template <class Real>
 VolumeRatioStatistics CpuForces<Real>::force(const NodalField<Real>& u, NodalField<Real>& f) const {
-  clear(f);
+  f.clear();
   const PackView<Real> packs = packs_->view();
   std::vector<VolumeRatioStatistics> part(packs_->ranges.size());
   const auto from = view(u);
@@ -160,7 +154,7 @@ VolumeRatioStatistics CpuForces<Real>::force(const NodalField<Real>& u, NodalFie
 
 template <class Real>
 void CpuForces<Real>::tangent(const NodalField<Real>& u, const NodalField<Real>& v, NodalField<Real>& f) const {
-  clear(f);
+  f.clear();
   const PackView<Real> packs = packs_->view();
   const auto at = view(u), along = view(v);
   const auto to = view(f);

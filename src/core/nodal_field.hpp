@@ -19,7 +19,7 @@ class NodalField {
       : slots_(slots), stride_((slots + 2 * padding + 15) / 16 * 16),
         data_(static_cast<Real*>(std::aligned_alloc(64, 3 * stride_ * sizeof(Real))), &std::free) {
     if (!data_) throw std::bad_alloc();
-    parallel_pieces(3 * stride_, 65536, [&](std::size_t b, std::size_t e) { std::fill(data_.get() + b, data_.get() + e, Real(0)); });
+    clear();
   }
   std::size_t slots() const { return slots_; }
   Real* component(int c) { return data_.get() + std::size_t(c) * stride_ + padding; }
@@ -28,6 +28,9 @@ class NodalField {
   const Real& at(std::size_t slot, int c) const { return component(c)[slot]; }
   void copy_from(const NodalField& b) {
     parallel_pieces(3 * stride_, 65536, [&](std::size_t begin, std::size_t end) { std::copy(b.data_.get() + begin, b.data_.get() + end, data_.get() + begin); });
+  }
+  void clear() {
+    parallel_pieces(3 * stride_, 65536, [&](std::size_t begin, std::size_t end) { std::fill(data_.get() + begin, data_.get() + end, Real(0)); });
   }
   void swap(NodalField& b) noexcept { std::swap(slots_, b.slots_), std::swap(stride_, b.stride_), std::swap(data_, b.data_); }
 

@@ -88,62 +88,59 @@ struct StepSizes {
   double rho = 0.7, lambda = 1;
 };
 
-/// One step; returns the largest |u+ - u| over the watched nodes. `previous` holds u- and receives u+, then the two swap.
+/// One step: increment = rho^2 increment - scale P f, u += increment, change += increment. The increment is kept apart
+/// from u because in single precision the difference of two u would lose it. Returns its largest component over the
+/// watched nodes.
 template <class Real>
-double advance(const SlotModel<Real>& model, const StepSizes& step, const NodalField<Real>& g, NodalField<Real>& u, NodalField<Real>& previous) {
+double advance(const SlotModel<Real>& model, const StepSizes& step, const NodalField<Real>& g, NodalField<Real>& u, NodalField<Real>& increment, NodalField<Real>& change) {
   const Real inertia = Real(step.rho * step.rho), scale = Real((1 + step.rho) * (1 + step.rho) / step.lambda);
   constexpr std::size_t piece = 16384;
   std::vector<Real> largest((u.slots() + piece - 1) / piece);
   parallel_pieces(u.slots(), piece, [&](std::size_t begin, std::size_t end) {
     Real top = 0;
     for (int c = 0; c < 3; ++c) {
-      const Real *now = u.component(c), *push = g.component(c);
-      Real* old = previous.component(c);
+      const Real* push = g.component(c);
+      Real *now = u.component(c), *d = increment.component(c), *sum = change.component(c);
       const std::uint8_t* watched = model.watched.data();
       for (std::size_t s = begin; s < end; ++s) {
-        const Real increment = inertia * (now[s] - old[s]) - scale * push[s];
-        old[s] = now[s] + increment;
-        const Real size = watched[s] ? std::abs(increment) : Real(0);
+        d[s] = inertia * d[s] - scale * push[s];
+        now[s] += d[s];
+        sum[s] += d[s];
+        const Real size = watched[s] ? std::abs(d[s]) : Real(0);
         top = size > top || size != size ? size : top;
       }
     }
     largest[begin / piece] = top;
   });
-  u.swap(previous);
   double top = 0;
   for (Real x : largest)
     if (!(x <= top)) top = double(x);
   return top;
 }
 
-/// Estimates the smallest eigenvalue of P K from what changed between saved states, and the optimal rho from it.
+/// Rayleigh quotient of P K for the change of u over the last steps: an upper bound of the smallest eigenvalue. With the
+/// stiffness itself, not differences of forces, which drown in rounding when the slow modes are very slow.
+/// Two-level: (K d).P (K d) / d.K d; plain: d.K d / d.M d. NaN where the change says nothing.
 template <class Real>
-class RateEstimate {
- public:
-  explicit RateEstimate(std::size_t slots) : u_(slots), f_(slots), g_(slots), du_(slots), df_(slots), dg_(slots) {}
-  void save(const NodalField<Real>& u, const NodalField<Real>& f, const NodalField<Real>& g) {
-    u_.copy_from(u), f_.copy_from(f), g_.copy_from(g);
-    saved_ = true;
-  }
-  bool saved() const { return saved_; }
-  /// df.P df / du.df since save(), or NaN where it says nothing.
-  double sample(const NodalField<Real>& u, const NodalField<Real>& f, const NodalField<Real>& g) {
-    subtract(u, u_, du_), subtract(f, f_, df_), subtract(g, g_, dg_);
-    const double uf = dot(du_, df_), fg = dot(df_, dg_);
-    return uf > 0 && fg > 0 ? fg / uf : nan;
-  }
-
- private:
-  static void subtract(const NodalField<Real>& a, const NodalField<Real>& b, NodalField<Real>& d) {
-    each_component(a, [&](int c, std::size_t begin, std::size_t end) {
-      const Real *x = a.component(c), *y = b.component(c);
-      Real* to = d.component(c);
-      for (std::size_t s = begin; s < end; ++s) to[s] = x[s] - y[s];
+double rayleigh_quotient(const SlotModel<Real>& model, const NodalField<Real>& u, NodalField<Real>& change, NodalField<Real>& f, NodalField<Real>& g) {
+  model.constraints->impose(change, 0);
+  model.forces->tangent(u, change, f);
+  model.constraints->reduce(f);
+  const double stiffness = dot(change, f);
+  double quotient;
+  if (model.coarse) {
+    precondition(model, f, g);
+    quotient = dot(f, g) / stiffness;
+  } else {
+    each_component(change, [&](int c, std::size_t begin, std::size_t end) {
+      const Real *d = change.component(c), *inverse_mass = model.inverse_diagonal.component(c);
+      Real* to = g.component(c);
+      for (std::size_t s = begin; s < end; ++s) to[s] = inverse_mass[s] > 0 ? d[s] / inverse_mass[s] : Real(0);
     });
+    quotient = stiffness / dot(change, g);
   }
-  NodalField<Real> u_, f_, g_, du_, df_, dg_;
-  bool saved_ = false;
-};
+  return stiffness > 0 && quotient > 0 ? quotient : nan;
+}
 
 double optimal_rho(double omega_squared, double lambda) {
   const double root = std::sqrt(std::max(lambda / omega_squared, 1.0));
@@ -200,11 +197,11 @@ int advance_load(const SlotModel<Real>& model, double load, double relative_resi
 
 namespace {
 
-enum class End { converged, exhausted, diverged };
+}  // namespace
 
-/// One try with the largest eigenvalue taken `safety` times its estimate.
 template <class Real>
-End attempt_relaxation(const SlotModel<Real>& model, const SolverOptions& options, double safety, RelaxationResult& result, NodalField<Real>& u) {
+RelaxationResult relax(const SlotModel<Real>& model, const SolverOptions& options, double safety, NodalField<Real>& u) {
+  RelaxationResult result;
   const bool two_level = model.coarse != nullptr;
   const int lag = two_level ? 20 : 40;
   const int ramp = two_level ? 0 : options.load_steps > 0 ? options.load_steps : std::max(200, int(12 * model.largest_distance));
@@ -212,17 +209,15 @@ End attempt_relaxation(const SlotModel<Real>& model, const SolverOptions& option
   const auto started = std::chrono::steady_clock::now();
   const auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count(); };
 
-  NodalField<Real> v = rough_vector(model), previous(u.slots()), f(u.slots()), g(u.slots());
+  NodalField<Real> v = rough_vector(model), increment(u.slots()), change(u.slots()), f(u.slots()), g(u.slots());
   constexpr int first_power = 20, second_power = 30;
   StepSizes step;
   step.lambda = safety * 1.4 * largest_eigenvalue(model, u, first_power, v);
   result.force_evaluations += first_power;
   step.rho = two_level ? 0.7 : 0.97;
-  previous.copy_from(u);
-  RateEstimate<Real> rate(u.slots());
   double omega_squared = nan;
   std::deque<double> recent;
-  int calm = 0, saved_at = -1;
+  int calm = 0;
   for (int n = 0; n < options.max_steps; ++n) {
     double load = 1;
     if (n < ramp) {
@@ -235,35 +230,39 @@ End attempt_relaxation(const SlotModel<Real>& model, const SolverOptions& option
       result.force_evaluations += second_power;
       if (!std::isnan(omega_squared)) step.rho = optimal_rho(omega_squared, step.lambda);
     }
-    model.forces->force(u, f);
-    ++result.force_evaluations;
-    model.constraints->reduce(f);
-    precondition(model, f, g);
-    if (n >= settle) {
-      if (rate.saved() && n - saved_at == lag) {
-        const double sample = rate.sample(u, f, g);
+    if (n >= settle && (n - settle) % lag == 0) {
+      if (n > settle) {
+        const double sample = rayleigh_quotient(model, u, change, f, g);
+        ++result.force_evaluations;
         if (sample > 0 && !(omega_squared <= sample)) {
           omega_squared = sample;
           step.rho = std::max(step.rho, optimal_rho(omega_squared, step.lambda));
         }
       }
-      if (!rate.saved() || n - saved_at == lag) rate.save(u, f, g), saved_at = n;
-    } else if (two_level) {
+      change.clear();
+    } else if (two_level && n < settle) {
       step.rho = n < 40 ? 0.7 : 0.9;
     }
-    const double increment = advance(model, step, g, u, previous);
+    model.forces->force(u, f);
+    ++result.force_evaluations;
+    model.constraints->reduce(f);
+    precondition(model, f, g);
+    const double largest = advance(model, step, g, u, increment, change);
     result.steps = n + 1;
-    recent.push_back(increment);
+    recent.push_back(largest);
     if (recent.size() > 10) recent.pop_front();
     const double recent_max = *std::max_element(recent.begin(), recent.end());
     const double slow = step.rho + 0.2 * (1 - step.rho);
     result.error_estimate = slow / (1 - slow) * recent_max;
-    if (!(increment < model.largest_increment)) return End::diverged;
+    if (!(largest < model.largest_increment)) {
+      result.diverged = true;
+      return result;
+    }
     const bool may_stop = n >= settle + 2 * lag && !std::isnan(omega_squared) &&
                           n - (two_level ? 0 : ramp) >= 2 * std::sqrt(step.lambda / omega_squared);
     calm = may_stop && result.error_estimate < options.tolerance_mm ? calm + 1 : 0;
     if (n % 10 == 0 || calm == options.consecutive_steps) {
-      result.history.push_back({n + 1, may_stop ? result.error_estimate : nan, increment, step.rho});
+      result.history.push_back({n + 1, may_stop ? result.error_estimate : nan, largest, step.rho});
       if (options.progress) {
         const double left = may_stop && result.error_estimate > options.tolerance_mm
                                 ? std::log(result.error_estimate / options.tolerance_mm) / (1 - step.rho) : nan;
@@ -271,35 +270,16 @@ End attempt_relaxation(const SlotModel<Real>& model, const SolverOptions& option
       }
     }
     if (calm >= options.consecutive_steps) {
-      model.constraints->impose(u, 1);
-      return End::converged;
+      result.converged = true;
+      break;
     }
   }
   model.constraints->impose(u, 1);
-  return End::exhausted;
+  return result;
 }
 
-}  // namespace
-
-template <class Real>
-RelaxationResult relax(const SlotModel<Real>& model, const SolverOptions& options, NodalField<Real>& u) {
-  NodalField<Real> start(u.slots());
-  start.copy_from(u);
-  RelaxationResult result;
-  for (double safety : {1.0, 2.0, 4.0}) {
-    u.copy_from(start);
-    result.history.clear();
-    const End end = attempt_relaxation(model, options, safety, result, u);
-    if (end == End::diverged) continue;
-    result.converged = end == End::converged;
-    return result;
-  }
-  fail(Failure::numerical, "the solution diverged at step ", result.steps, ", also with a time step half as long; "
-       "the prescribed motions deform the body too strongly between some nodes: check them, or use a smaller node spacing");
-}
-
-template RelaxationResult relax<float>(const SlotModel<float>&, const SolverOptions&, NodalField<float>&);
-template RelaxationResult relax<double>(const SlotModel<double>&, const SolverOptions&, NodalField<double>&);
+template RelaxationResult relax<float>(const SlotModel<float>&, const SolverOptions&, double, NodalField<float>&);
+template RelaxationResult relax<double>(const SlotModel<double>&, const SolverOptions&, double, NodalField<double>&);
 template int advance_load<float>(const SlotModel<float>&, double, double, NodalField<float>&);
 template int advance_load<double>(const SlotModel<double>&, double, double, NodalField<double>&);
 

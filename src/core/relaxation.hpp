@@ -31,6 +31,7 @@ struct SlotModel {
 
 struct RelaxationResult {
   bool converged = false;
+  bool diverged = false;
   int steps = 0, force_evaluations = 0;
   double error_estimate = 0;
   std::vector<HistoryEntry> history;
@@ -38,9 +39,10 @@ struct RelaxationResult {
 
 /// Heavy-ball iteration u+ = u + rho^2 (u - u-) - (1 + rho)^2 / lambda_max P f(u), i.e. central differences with
 /// mass-proportional damping (Joldes, Wittek, Miller 2011), with P the inverse of a fictitious mass or the two-level
-/// preconditioner. rho follows from the smallest eigenvalue, estimated by Rayleigh quotients of increments.
+/// preconditioner. rho follows from the smallest eigenvalue, estimated by Rayleigh quotients of increments; lambda_max is
+/// taken `safety` times its estimate.
 template <class Real>
-RelaxationResult relax(const SlotModel<Real>& model, const SolverOptions& options, NodalField<Real>& u);
+RelaxationResult relax(const SlotModel<Real>& model, const SolverOptions& options, double safety, NodalField<Real>& u);
 
 /// Takes `u` from equilibrium at a smaller load (0: rest) to about equilibrium at `load`: one linearised (Newton) step, by
 /// conjugate gradients with the two-level preconditioner down to `relative_residual`. From rest this is the

@@ -180,4 +180,12 @@ bool ShapeEvaluator::covers(const Vec3d& x) const {
   return neighbours_->nearest_distance(x) <= neighbours_->local_spacing(x);
 }
 
+bool ShapeEvaluator::touches(const Vec3d& x) const {
+  if (!cloud_->lattice) return covers(x);
+  const std::array<int, 3> cell = cell_of(x);
+  for (int c = 0; c < 8; ++c)
+    if (cloud_->lattice->node(cell[0] + (c & 1), cell[1] + (c >> 1 & 1), cell[2] + (c >> 2)) >= 0) return true;
+  return false;
+}
+
 }  // namespace mtled

@@ -30,6 +30,8 @@ class ShapeEvaluator {
   bool at(const Vec3d& x, ShapeFunctions& shapes, int* enlargements = nullptr) const;
   /// Whether x lies in a cell whose eight corners are nodes (lattice), or within one local spacing of a node.
   bool covers(const Vec3d& x) const;
+  /// Whether x lies in a cell with at least one node (lattice: also in cells that the body only grazes), or covers(x).
+  bool touches(const Vec3d& x) const;
 
   const Cloud& cloud() const { return *cloud_; }
   const MlsOptions& options() const { return options_; }

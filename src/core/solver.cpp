@@ -222,16 +222,16 @@ void measure_state(const SlotModel<Real>& model, const NodalField<Real>& u, Solu
   solution.inverted_points = std::size_t(std::count_if(ratio.begin(), ratio.end(), [](double r) { return r <= 0; }));
 }
 
-/// Linear-elastic start; in more load increments, each linearised about the last, when one leaves points (nearly)
+/// Linear-elastic start in `fewest_increments` load increments, and more, each linearised about the last, when one leaves points (nearly)
 /// inside out. The coarse matrix is left assembled at the start. Returns the products with the stiffness matrix.
 template <class Real>
-int start_two_level(SlotModel<Real>& model, const SolverOptions& options, Solution& solution, NodalField<Real>& u) {
+int start_two_level(SlotModel<Real>& model, const SolverOptions& options, int fewest_increments, Solution& solution, NodalField<Real>& u) {
   constexpr double start_residual = 2e-3;   // relative; the relaxation does the rest
   constexpr double smallest_ratio = 0.1;    // volume ratio of a usable start
   constexpr int most_increments = 16;
   NodalField<Real> f(u.slots());
   int products = 0;
-  for (int increments = 1;; increments *= 2) {
+  for (int increments = fewest_increments;; increments *= 2) {
     NodalField<Real> state(u.slots());
     VolumeRatioStatistics ratio;
     for (int i = 1; i <= increments; ++i) {
@@ -242,7 +242,7 @@ int start_two_level(SlotModel<Real>& model, const SolverOptions& options, Soluti
       ++products;
       if (ratio.smallest < smallest_ratio) break;
     }
-    if (ratio.smallest >= smallest_ratio || increments == most_increments) {
+    if (ratio.smallest >= smallest_ratio || increments >= most_increments) {
       solution.load_increments = increments;
       u.swap(state);
       if (ratio.inverted > 0)
@@ -262,15 +262,26 @@ Solution solve_with(const ShapeEvaluator& evaluator, IntegrationPoints& points, 
   solution.enlarged_supports = model.supports.enlarged, solution.dropped_points = model.supports.dropped.size();
   Stopwatch watch(solution.seconds);
   NodalField<Real> u(model.position.size());
-  if (model.coarse) {
-    solution.force_evaluations += start_two_level(model, options, solution, u);
-    watch.lap("start");
+  // Where the start is too far from equilibrium the relaxation diverges; then again with a finer start and shorter steps.
+  RelaxationResult relaxed;
+  double safety = 1;
+  for (int increments : {1, 4, 16}) {
+    u.clear();
+    if (model.coarse) {
+      solution.force_evaluations += start_two_level(model, options, increments, solution, u);
+      watch.lap("start");
+    }
+    relaxed = relax(model, options, safety, u);
+    solution.force_evaluations += relaxed.force_evaluations;
+    if (!relaxed.diverged) break;
+    safety *= 2;
   }
-  const RelaxationResult relaxed = relax(model, options, u);
+  if (relaxed.diverged)
+    fail(Failure::numerical, "the solution diverged at step ", relaxed.steps, ", also with shorter steps and a finer start; the prescribed motions deform the body "
+         "too strongly between some nodes: check them, or use a smaller node spacing");
   watch.lap("relaxation");
   solution.converged = relaxed.converged;
   solution.steps = relaxed.steps;
-  solution.force_evaluations += relaxed.force_evaluations;
   solution.error_estimate_mm = relaxed.error_estimate;
   solution.history = relaxed.history;
   Vec3d worst{};

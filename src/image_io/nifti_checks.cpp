@@ -1,6 +1,7 @@
 #include <zlib.h>
 
 #include <algorithm>
+#include <bit>
 #include <cstring>
 #include <memory>
 
@@ -14,6 +15,7 @@ namespace {
 
 constexpr int header_size = 348, second_version_size = 540;
 constexpr int displacement_intent = 1006;
+constexpr int type_float = 16, type_double = 64;
 constexpr int spatial_unit_bits = 7, unit_unknown = 0, unit_mm = 2;
 
 /// The header of a NIfTI-1 file; fields at the byte offsets of nifti1.h.
@@ -35,6 +37,12 @@ class NiftiHeader {
   }
   int dimension(int i) const { return field<std::int16_t>(40 + 2 * i); }
   int intent() const { return field<std::int16_t>(68); }
+  /// 4 or 8 when the voxels are floating-point numbers of so many bytes, else 0.
+  int float_bytes() const {
+    const int type = field<std::int16_t>(70);
+    return type == type_float ? 4 : type == type_double ? 8 : 0;
+  }
+  bool little_endian() const { return swapped_ != (std::endian::native == std::endian::little); }
   int bits_per_voxel() const { return field<std::int16_t>(72); }
   double voxel_offset() const { return field<float>(108); }
   int spatial_unit() const { return bytes_[123] & spatial_unit_bits; }
@@ -53,9 +61,38 @@ class NiftiHeader {
   bool swapped_ = false;
 };
 
-}  // namespace
+/// Finds NaN and infinity (all bits of the exponent set) among the voxels: ITK's reader turns them into 0 in silence.
+class NonFiniteVoxels {
+ public:
+  NonFiniteVoxels(const NiftiHeader& header, std::uint64_t offset, std::uint64_t bytes)
+      : size_(header.float_bytes()), little_endian_(header.little_endian()), skip_(offset), left_(bytes) {}
+  void operator()(const unsigned char* bytes, std::size_t count) {
+    const std::size_t skipped = std::size_t(std::min<std::uint64_t>(skip_, count));
+    skip_ -= skipped;
+    const std::size_t end = std::size_t(std::min<std::uint64_t>(count, skipped + left_));
+    left_ -= end - skipped;
+    for (std::size_t i = skipped; i < end; ++i) {
+      value_[filled_++] = bytes[i];
+      if (filled_ < size_) continue;
+      filled_ = 0;
+      const unsigned high = value_[little_endian_ ? size_ - 1 : 0], next = value_[little_endian_ ? size_ - 2 : 1];
+      const unsigned exponent_in_next = size_ == 4 ? 0x80 : 0xF0;
+      if ((high & 0x7F) == 0x7F && (next & exponent_in_next) == exponent_in_next && count_++ == 0) first_ = voxel_;
+      ++voxel_;
+    }
+  }
+  std::uint64_t count() const { return count_; }
+  std::uint64_t first() const { return first_; }
 
-void check_nifti(const std::filesystem::path& file) {
+ private:
+  int size_;
+  bool little_endian_;
+  std::uint64_t skip_, left_, voxel_ = 0, count_ = 0, first_ = 0;
+  unsigned char value_[8]{};
+  int filled_ = 0;
+};
+
+void check(const std::filesystem::path& file, bool voxels_too) {
   const bool packed = has_extension(file, ".gz");
   if (packed) {
     const std::filesystem::path beside = file.parent_path() / file.stem();
@@ -67,12 +104,25 @@ void check_nifti(const std::filesystem::path& file) {
   require(header.dimension(0) >= 1 && header.dimension(0) <= 7, "its header is damaged; copy or download it again");
   for (int i = 1; i <= header.dimension(0); ++i) needed *= std::uint64_t(std::max(header.dimension(i), 1));
   const auto offset = std::uint64_t(std::max(header.voxel_offset(), double(header_size)));
-  const std::uint64_t all = packed ? inflated_bytes(file, 0) : stored_bytes(file, 0);
+  NonFiniteVoxels bad(header, offset, needed);
+  const bool may_be_bad = voxels_too && header.float_bytes() > 0;
+  const ByteVisitor visit = may_be_bad ? ByteVisitor(std::ref(bad)) : ByteVisitor();
+  if (may_be_bad && !packed) visit_stored_bytes(file, visit);
+  const std::uint64_t all = packed ? inflated_bytes(file, 0, visit) : stored_bytes(file, 0);
   require_complete(all - std::min(all, offset), needed);
+  if (const std::uint64_t row = std::uint64_t(std::max(header.dimension(1), 1)), slice = row * std::uint64_t(std::max(header.dimension(2), 1)); bad.count() > 0)
+    fail(Failure::input, bad.count(), bad.count() == 1 ? " voxel is" : " voxels are", " NaN or infinite, the first one at index (", bad.first() % row, ", ",
+         bad.first() % slice / row, ", ", bad.first() / slice, "); replace such values first");
   require(header.intent() != displacement_intent,
           "it is a NIfTI displacement field (intent 1006), which the ITK library misreads; convert it to NRRD");
   require(header.spatial_unit() == unit_mm || header.spatial_unit() == unit_unknown,
           "its lengths are not in mm; convert it to mm");
 }
+
+}  // namespace
+
+void check_nifti(const std::filesystem::path& file) { check(file, true); }
+
+void check_written_nifti(const std::filesystem::path& file) { check(file, false); }
 
 }  // namespace mtled

@@ -33,7 +33,13 @@ std::uint64_t stored_bytes(const std::filesystem::path& file, std::uint64_t offs
   return size > offset ? size - offset : 0;
 }
 
-std::uint64_t inflated_bytes(const std::filesystem::path& file, std::uint64_t offset) {
+void visit_stored_bytes(const std::filesystem::path& file, const ByteVisitor& visit) {
+  std::ifstream stream(file, std::ios::binary);
+  std::vector<unsigned char> bytes(chunk);
+  while (stream.read(reinterpret_cast<char*>(bytes.data()), chunk), stream.gcount() > 0) visit(bytes.data(), std::size_t(stream.gcount()));
+}
+
+std::uint64_t inflated_bytes(const std::filesystem::path& file, std::uint64_t offset, const ByteVisitor& visit) {
   std::ifstream stream(file, std::ios::binary);
   stream.seekg(std::streamoff(offset));
   std::vector<unsigned char> packed(chunk), unpacked(chunk);
@@ -48,6 +54,7 @@ std::uint64_t inflated_bytes(const std::filesystem::path& file, std::uint64_t of
       z.avail_out = chunk;
       const int status = inflate(&z, Z_NO_FLUSH);
       total += chunk - z.avail_out;
+      if (visit) visit(unpacked.data(), chunk - z.avail_out);
       require(status == Z_OK || status == Z_STREAM_END || status == Z_BUF_ERROR,
               "its compressed data are damaged; copy or download it again");
       if (status == Z_STREAM_END && z.avail_in > 0) inflateReset(&z);  // gzip files may hold several parts

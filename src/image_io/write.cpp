@@ -52,7 +52,7 @@ void require_written(void (*check)(const fs::path&), const fs::path& file) {
 void write_packed_nifti(itk::ImageIOBase& io, const fs::path& target, const fs::path& file, const void* values) {
   const TemporaryFile plain(target.parent_path() / target.stem());
   write_with(io, plain.path(), values);
-  require_written(check_nifti, plain.path());
+  require_written(check_written_nifti, plain.path());
   gzip(plain.path(), file);
 }
 
@@ -64,7 +64,7 @@ void write_voxels(const fs::path& path, const Grid& grid, itk::IOComponentEnum t
     describe(*io, grid, type, components);
     if (has_extension(path, ".nii.gz")) return write_packed_nifti(*io, path, temporary, values);
     write_with(*io, temporary, values);
-    if (format == Format::nifti) require_written(check_nifti, temporary);
+    if (format == Format::nifti) require_written(check_written_nifti, temporary);
     if (format == Format::meta) require_written(check_meta_image, temporary);
   });
 }

@@ -67,8 +67,8 @@ Mask fill(const Mask& body) {
   return filled;
 }
 
-/// `solid` and the wide cavities that it encloses (lungs): next to them even a thin chest wall survives the opening. The
-/// narrow gaps between back and couch stay open, so that the couch still comes off.
+/// `solid` and the wide cavities that it encloses (lungs): next to them even a thin chest wall survives the opening.
+/// The narrow gaps between back and couch stay open, so that the couch still comes off.
 Mask fill_wide_cavities(const Mask& solid, double half_width_mm) {
   Mask enclosed = fill(solid);
   for (std::size_t v = 0; v < solid.data.size(); ++v) enclosed.data[v] = enclosed.data[v] && !solid.data[v];

@@ -13,12 +13,13 @@
 namespace mtled {
 namespace {
 
-constexpr std::size_t fewest_voxels = 30;     ///< of a label that can be registered
-constexpr double crop_margin_mm = 15;         ///< room for the rest of the motion and for smoothing
-constexpr double noticeable_mm = 0.5;         ///< a rejected registration that differs less needs no warning
-constexpr double poor_similarity = 0.5;       ///< a label that correlates less deserves a look
-// First the label with its margin, which guides from afar; then the bone alone, because the soft tissue around it deforms
-// (it costs up to 1 deg for a vertebral body). Points off the voxel grid, so that both images are interpolated alike.
+constexpr std::size_t fewest_voxels = 30;  ///< of a label that can be registered
+constexpr double crop_margin_mm = 15;      ///< room for the rest of the motion and for smoothing
+constexpr double noticeable_mm = 0.5;      ///< a rejected registration that differs less needs no warning
+constexpr double poor_similarity = 0.5;    ///< a label that correlates less deserves a look
+// First the label with its margin, which guides from afar; then the bone alone, because the soft tissue around it
+// deforms (it costs up to 1 deg for a vertebral body). Points off the voxel grid, so that both images are interpolated
+// alike. Last the voxels of the bone in either image, robustly: at its surface the tissue outside shines through.
 const RegistrationLevel with_margin{1.5, 4000, 1}, bone_alone{1, 20000, 0.5};
 
 /// Largest distance [mm] between the images of the points under two motions.
@@ -29,9 +30,21 @@ double largest_distance(const std::vector<Vec3d>& points, const RigidMotion& a, 
 }
 
 /// `points` and `bone` are the label with and without its margin, in `from`.
-RigidMotion refine_label(const Image& from, const Image& to, const std::vector<Vec3d>& points, const std::vector<Vec3d>& bone,
-                         const RigidMotion& start) {
+RigidMotion refine_label(const Image& from, const Image& to, const std::vector<Vec3d>& points,
+                         const std::vector<Vec3d>& bone, const RigidMotion& start) {
   return refine_motion(from, to, bone, refine_motion(from, to, points, start, {with_margin}), {bone_alone});
+}
+
+/// The voxels of `fixed` that come from a voxel of the label.
+std::vector<Vec3d> voxels_in_fixed(const Image& fixed, const LabelImage& labels, int label, const RigidMotion& motion) {
+  const RigidMotion back = inverse(motion);
+  std::vector<Vec3d> found;
+  for (int k = 0; k < fixed.grid.size[2]; ++k)
+    for (int j = 0; j < fixed.grid.size[1]; ++j)
+      for (int i = 0; i < fixed.grid.size[0]; ++i)
+        if (const Vec3d y = fixed.grid.point(i, j, k); nearest_value(labels, back.apply(y), std::uint16_t{0}) == label)
+          found.push_back(y);
+  return found;
 }
 
 /// What the registration of one label found, and what the user should know about it.
@@ -40,8 +53,8 @@ struct Outcome {
   std::vector<std::string> warnings;
 };
 
-Outcome register_label(const Image& moving, const Image& fixed, const LabelRegion& region, const BoneStart& start,
-                       const BoneMotionOptions& options) {
+Outcome register_label(const Image& moving, const Image& fixed, const LabelImage& labels, const LabelRegion& region,
+                       const BoneStart& start, const BoneMotionOptions& options) {
   Outcome outcome;
   BoneMotion& bone = outcome.bone;
   const auto warn = [&](const auto&... parts) {
@@ -59,12 +72,17 @@ Outcome register_label(const Image& moving, const Image& fixed, const LabelRegio
   bone.similarity_before = similarity(samples, fixed, start.given);
   if (fraction_inside(there, fixed) < visible_enough) {
     bone.similarity_after = similarity(samples, fixed, start.searched);
-    warn("leaves the fixed image and was not registered: it follows its neighbour; leave it out, or use a fixed image that "
-         "shows it");
+    warn(
+        "leaves the fixed image and was not registered: it follows its neighbour; leave it out, or use a fixed image "
+        "that "
+        "shows it");
     return outcome;
   }
 
-  const RigidMotion forward = refine_label(moving_part, fixed_part, region.points, region.octants, start.searched);
+  const RigidMotion near = refine_label(moving_part, fixed_part, region.points, region.octants, start.searched);
+  const RigidMotion forward =
+      refine_robustly(smooth(moving_part, bone_alone.sigma_mm), smooth(fixed_part, bone_alone.sigma_mm), region.voxels,
+                      voxels_in_fixed(fixed_part, labels, region.label, near), near);
   bone.similarity_after = similarity(samples, fixed, forward);
   if (bone.similarity_after >= bone.similarity_before) {
     bone.motion.motion = forward;
@@ -99,8 +117,8 @@ void keep_usable(std::vector<LabelRegion>& regions, std::vector<LabelRegion>* fi
     std::erase_if(list, [&](const LabelRegion& region) {
       const bool tiny = region.voxels.size() < fewest_voxels, missing = other && !has(*other, region.label);
       if (tiny)
-        warnings.push_back(concatenate("label ", region.label, " has only ", region.voxels.size(), " voxels in the ", side,
-                                       " image: left out"));
+        warnings.push_back(concatenate("label ", region.label, " has only ", region.voxels.size(), " voxels in the ",
+                                       side, " image: left out"));
       else if (missing)
         warnings.push_back(concatenate("label ", region.label, " is in the ", side, " but not in the ", other_side,
                                        " labels: left out"));
@@ -130,18 +148,22 @@ BoneMotionResult estimate_bone_motions(const Image& moving, const Image& fixed, 
   }
   keep_usable(regions, fixed_labels ? &fixed_regions : nullptr, result.warnings);
   require(!regions.empty(), "no label can be used: ",
-          fixed_labels ? "moving and fixed labels have no number in common; number the same vertebra alike on both sides"
-                       : "all labels are smaller than 30 voxels; check the label map");
+          fixed_labels
+              ? "moving and fixed labels have no number in common; number the same vertebra alike on both sides"
+              : "all labels are smaller than 30 voxels; check the label map");
   for (const LabelRegion& region : regions)
     require(fraction_inside(region.voxels, moving) > 0.5, "label ", region.label,
             " lies outside the moving image; are the labels drawn on that image?");
 
   const std::vector<BoneStart> starts =
-      fixed_labels ? starts_from_labels(moving, fixed, regions, fixed_regions, options)
-                   : starts_along_spine(moving, fixed, regions, register_rigidly(moving, fixed, nullptr, nullptr), options);
+      fixed_labels
+          ? starts_from_labels(moving, fixed, regions, fixed_regions, options)
+          : starts_along_spine(moving, fixed, regions, register_rigidly(moving, fixed, nullptr, nullptr), options);
 
   std::vector<Outcome> outcomes(regions.size());
-  parallel_for(regions.size(), [&](std::size_t r) { outcomes[r] = register_label(moving, fixed, regions[r], starts[r], options); }, 1);
+  parallel_for(
+      regions.size(),
+      [&](std::size_t r) { outcomes[r] = register_label(moving, fixed, moving_labels, regions[r], starts[r], options); }, 1);
 
   std::vector<LabelMotion> motions;
   for (Outcome& outcome : outcomes) {

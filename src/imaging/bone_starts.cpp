@@ -12,12 +12,13 @@ namespace {
 constexpr double degree = 0.017453292519943295;
 constexpr std::size_t points_per_label = 1500, points_per_spine = 2000;
 constexpr double label_sigma_mm = 2.5, spine_sigma_mm = 4;
-constexpr double gap_mm = 60;  ///< surroundings of the labels that the search may look at, beyond the largest shift
+constexpr double surroundings_mm = 30;  ///< of the labels, beyond the largest shift, that the search may look at
 
 /// The two images around the labels, smoothed for a search.
 struct SearchImages {
   Image moving, fixed;
-  SearchImages(const Image& m, const Image& f, double sigma_mm) : moving(smooth(m, sigma_mm)), fixed(smooth(f, sigma_mm)) {}
+  SearchImages(const Image& m, const Image& f, double sigma_mm)
+      : moving(smooth(m, sigma_mm)), fixed(smooth(f, sigma_mm)) {}
 };
 
 std::vector<Vec3d> all_points(const std::vector<LabelRegion>& regions) {
@@ -45,7 +46,8 @@ Mat3d aligning_turn(const Mat3d& a, const Mat3d& b) {
 }
 
 /// Search for one label around a pose.
-Pose search_label(const SearchImages& images, const LabelRegion& region, const RigidMotion& around, const SearchRange& range) {
+Pose search_label(const SearchImages& images, const LabelRegion& region, const RigidMotion& around,
+                  const SearchRange& range) {
   const Samples samples = sample(images.moving, region.points, points_per_label);
   const SearchRange step{std::max(range.shift_mm / 2, 0.1), std::max(range.turn_rad / 2, 0.1 * degree)};
   return best_pose(samples, images.fixed, poses_around(around, range, step), 4, {2, 2 * degree}, 3);
@@ -53,8 +55,10 @@ Pose search_label(const SearchImages& images, const LabelRegion& region, const R
 
 }  // namespace
 
-std::vector<BoneStart> starts_from_labels(const Image& moving, const Image& fixed, const std::vector<LabelRegion>& regions,
-                                          const std::vector<LabelRegion>& fixed_regions, const BoneMotionOptions& options) {
+std::vector<BoneStart> starts_from_labels(const Image& moving, const Image& fixed,
+                                          const std::vector<LabelRegion>& regions,
+                                          const std::vector<LabelRegion>& fixed_regions,
+                                          const BoneMotionOptions& options) {
   const SearchImages images(coarsen(crop(moving, all_points(regions), 20), 1.5),
                             coarsen(crop(fixed, all_points(fixed_regions), 20), 1.5), label_sigma_mm);
   std::vector<BoneStart> starts;
@@ -73,11 +77,12 @@ std::vector<BoneStart> starts_from_labels(const Image& moving, const Image& fixe
   return starts;
 }
 
-std::vector<BoneStart> starts_along_spine(const Image& moving, const Image& fixed, const std::vector<LabelRegion>& regions,
-                                          const RigidMotion& global, const BoneMotionOptions& options) {
+std::vector<BoneStart> starts_along_spine(const Image& moving, const Image& fixed,
+                                          const std::vector<LabelRegion>& regions, const RigidMotion& global,
+                                          const BoneMotionOptions& options) {
   const std::vector<Vec3d> points = all_points(regions);
   const Image moving_part = coarsen(crop(moving, points, 20), 1.5);
-  const Image fixed_part = coarsen(crop(fixed, moved(points, global), options.largest_shift_mm + gap_mm / 2), 1.5);
+  const Image fixed_part = coarsen(crop(fixed, moved(points, global), options.largest_shift_mm + surroundings_mm), 1.5);
 
   Vec3d center;
   for (const Vec3d& x : points) center += (1.0 / double(points.size())) * x;
@@ -86,7 +91,8 @@ std::vector<BoneStart> starts_along_spine(const Image& moving, const Image& fixe
   const RigidMotion spine =
       best_pose(sample(wide.moving, points, points_per_spine), wide.fixed,
                 poses_around(recentred(global, center), range, {10, std::max(range.turn_rad / 3, 0.1 * degree)}), 10,
-                {5, 4 * degree}, 3).motion;
+                {5, 4 * degree}, 3)
+          .motion;
 
   const SearchImages images(moving_part, fixed_part, label_sigma_mm);
   std::vector<Pose> poses;
@@ -94,9 +100,9 @@ std::vector<BoneStart> starts_along_spine(const Image& moving, const Image& fixe
     poses.push_back(search_label(images, region, recentred(spine, region.centroid), {8, 8 * degree}));
   for (std::size_t r = 0; r < regions.size(); ++r)  // a bone that is half outside is a poor anchor
     poses[r].similarity *= fraction_inside(moved(regions[r].points, poses[r].motion), fixed);
-  const int anchor = int(std::max_element(poses.begin(), poses.end(), [](const Pose& a, const Pose& b) {
-                           return a.similarity < b.similarity;
-                         }) - poses.begin());
+  const int anchor = int(std::max_element(poses.begin(), poses.end(),
+                                          [](const Pose& a, const Pose& b) { return a.similarity < b.similarity; }) -
+                         poses.begin());
   for (const int direction : {1, -1})
     for (int r = anchor + direction; r >= 0 && r < int(regions.size()); r += direction) {
       const double distance = norm(regions[r].centroid - regions[r - direction].centroid);

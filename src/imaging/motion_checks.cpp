@@ -22,8 +22,8 @@ Joint joint_between(const LabelMotion& lower, const LabelMotion& upper) {
   const RigidMotion &a = lower.motion, &b = upper.motion;
   const Vec3d along = b.center - a.center, middle = 0.5 * (a.center + b.center);
   const Vec3d gap = b.apply(middle) - a.apply(middle);
-  Joint joint{lower.label, upper.label, norm(rotation_vector(b.rotation * transpose(a.rotation))) * degrees, norm(gap), 0,
-              norm(along)};
+  Joint joint{lower.label, upper.label, norm(rotation_vector(b.rotation * transpose(a.rotation))) * degrees,
+              norm(gap),   0,           norm(along)};
   if (joint.distance_mm > 0) joint.slide_mm = dot(gap, a.rotation * along) / joint.distance_mm;
   return joint;
 }
@@ -55,15 +55,18 @@ std::vector<std::string> implausible_neighbours(const std::vector<LabelMotion>& 
     const std::string pair = concatenate("labels ", joint.lower, " and ", joint.upper);
     if (joint.distance_mm > 0 && std::abs(joint.slide_mm) > 0.6 * joint.distance_mm &&
         std::abs(joint.slide_mm) < 1.4 * joint.distance_mm)
-      warnings.push_back(concatenate(pair, " move ", std::abs(joint.slide_mm), joint.slide_mm > 0 ? " mm apart" : " mm together",
+      warnings.push_back(concatenate(pair, " move ", std::abs(joint.slide_mm),
+                                     joint.slide_mm > 0 ? " mm apart" : " mm together",
                                      " along the spine, about the distance between them (", joint.distance_mm,
                                      " mm): one of them was probably taken for its neighbour"));
     else if (joint.gap_mm > gap_limit)
-      warnings.push_back(concatenate(pair, " shift by ", joint.gap_mm, " mm against each other (median of all neighbours ",
-                                     median(gaps), " mm): check both registrations"));
+      warnings.push_back(concatenate(pair, " shift by ", joint.gap_mm,
+                                     " mm against each other (median of all neighbours ", median(gaps),
+                                     " mm): check both registrations"));
     if (joint.turn_deg > turn_limit)
-      warnings.push_back(concatenate(pair, " turn by ", joint.turn_deg, " deg against each other (median of all neighbours ",
-                                     median(turns), " deg): check both registrations"));
+      warnings.push_back(concatenate(pair, " turn by ", joint.turn_deg,
+                                     " deg against each other (median of all neighbours ", median(turns),
+                                     " deg): check both registrations"));
   }
   return warnings;
 }

@@ -51,7 +51,8 @@ RigidMotion recentred(const RigidMotion& motion, const Vec3d& center) {
   return {center, motion.rotation, motion.displacement(center)};
 }
 
-Pose climb(const Samples& samples, const Image& fixed, const RigidMotion& start, const SearchRange& first_step, int halvings) {
+Pose climb(const Samples& samples, const Image& fixed, const RigidMotion& start, const SearchRange& first_step,
+           int halvings) {
   Pose best{start, similarity(samples, fixed, start)};
   double scale = 1;
   for (int level = 0; level <= halvings; ++level, scale /= 2) {
@@ -80,13 +81,17 @@ Pose climb(const Samples& samples, const Image& fixed, const RigidMotion& start,
 Pose best_pose(const Samples& samples, const Image& fixed, const std::vector<RigidMotion>& starts, int climbs,
                const SearchRange& first_step, int halvings) {
   std::vector<double> values(starts.size());
-  parallel_for(starts.size(), [&](std::size_t s) { values[s] = similarity(samples, fixed, starts[s]); }, 16);
+  parallel_for(
+      starts.size(), [&](std::size_t s) { values[s] = similarity(samples, fixed, starts[s]); }, 16);
   std::vector<int> order(starts.size());
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return values[a] > values[b]; });
 
   std::vector<Pose> climbed(std::min<std::size_t>(std::size_t(climbs), starts.size()));
-  parallel_for(climbed.size(), [&](std::size_t c) { climbed[c] = climb(samples, fixed, starts[std::size_t(order[c])], first_step, halvings); }, 1);
+  parallel_for(
+      climbed.size(),
+      [&](std::size_t c) { climbed[c] = climb(samples, fixed, starts[std::size_t(order[c])], first_step, halvings); },
+      1);
   Pose best{starts[order[0]], values[order[0]]};
   for (const Pose& pose : climbed)
     if (pose.similarity > best.similarity) best = pose;
@@ -109,7 +114,8 @@ std::vector<RigidMotion> poses_around(const RigidMotion& start, const SearchRang
       for (int i = -reach; i <= reach; ++i) {
         const Vec3d shift{i * step.shift_mm, j * step.shift_mm, k * step.shift_mm};
         if (norm(shift) > range.shift_mm) continue;
-        for (const Mat3d& turn : turns) poses.push_back({start.center, turn * start.rotation, start.translation + shift});
+        for (const Mat3d& turn : turns)
+          poses.push_back({start.center, turn * start.rotation, start.translation + shift});
       }
   return poses;
 }

@@ -7,8 +7,10 @@
 #include <itkQuasiNewtonOptimizerv4.h>
 #include <itkRegistrationParameterScalesFromPhysicalShift.h>
 #include <itkSmoothingRecursiveGaussianImageFilter.h>
+#include <vnl/algo/vnl_svd.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "core/error.hpp"
@@ -21,8 +23,8 @@ using Transform = itk::Euler3DTransform<double>;
 using Optimizer = itk::QuasiNewtonOptimizerv4Template<double>;
 using Cubic = itk::BSplineInterpolateImageFunction<ItkImage<float>, double, double>;
 
-/// ITK's metric with all its sums in one work unit. SetMaximumNumberOfWorkUnits does not reach the partition of the points
-/// (ITK 5.2), so that the last digits would depend on the number of cores.
+/// ITK's metric with all its sums in one work unit. SetMaximumNumberOfWorkUnits does not reach the partition of the
+/// points (ITK 5.2), so that the last digits would depend on the number of cores.
 class Metric : public itk::CorrelationImageToImageMetricv4<ItkImage<float>, ItkImage<float>> {
  public:
   using Self = Metric;
@@ -101,7 +103,8 @@ Metric::FixedSampledPointSetType::Pointer point_set(const std::vector<Vec3d>& po
   return set;
 }
 
-/// In ITK's words the sampled image is "fixed" and the other "moving": its transform maps our moving to our fixed image.
+/// In ITK's words the sampled image is "fixed" and the other "moving": its transform maps our moving to our fixed
+/// image.
 RigidMotion refine_at_level(const Image& moving, const Image& fixed, const std::vector<Vec3d>& points,
                             const RigidMotion& start, const RegistrationLevel& level) {
   auto transform = to_itk(start);
@@ -133,6 +136,46 @@ RigidMotion refine_at_level(const Image& moving, const Image& fixed, const std::
   return from_itk(*transform);
 }
 
+constexpr double tukey = 4.685;             ///< of the scale: 95 % as precise as least squares on Gaussian noise
+constexpr int weightings = 25;              ///< of the scale of the differences; then it stays, so that the steps converge
+constexpr int largest_newton_steps = 40;
+constexpr double largest_change_mm = 3;     ///< of a point by the robust refinement
+
+/// A cubic spline through an image.
+class Spline {
+ public:
+  explicit Spline(const Image& image) : view_(view_as_itk(image)) { cubic_->SetInputImage(view_); }
+  bool evaluate(const Vec3d& x, double& value, Vec3d& gradient) const {
+    Cubic::PointType point;
+    for (int a = 0; a < 3; ++a) point[a] = x[a];
+    if (!cubic_->IsInsideBuffer(point)) return false;
+    Cubic::CovariantVectorType derivative;
+    cubic_->EvaluateValueAndDerivative(point, value, derivative);
+    for (int a = 0; a < 3; ++a) gradient[a] = derivative[a];
+    return true;
+  }
+
+ private:
+  ItkImage<float>::Pointer view_;
+  Cubic::Pointer cubic_ = Cubic::New();
+};
+
+/// Difference of the intensities at a pair of points, and its derivatives by shift, turn about the centre of the motion
+/// in the fixed image, gain and offset.
+struct Difference {
+  double value = 0;
+  std::array<double, 8> derivative{};
+};
+
+/// 1.4826 times the median magnitude: the standard deviation of Gaussian differences.
+double robust_scale(const std::vector<Difference>& differences) {
+  std::vector<double> magnitudes;
+  for (const Difference& d : differences) magnitudes.push_back(std::abs(d.value));
+  const auto middle = magnitudes.begin() + std::ptrdiff_t(magnitudes.size() / 2);
+  std::nth_element(magnitudes.begin(), middle, magnitudes.end());
+  return 1.4826 * *middle;
+}
+
 }  // namespace
 
 RigidMotion refine_motion(const Image& moving, const Image& fixed, const std::vector<Vec3d>& points,
@@ -140,12 +183,61 @@ RigidMotion refine_motion(const Image& moving, const Image& fixed, const std::ve
   RigidMotion motion = start;
   try {
     for (const RegistrationLevel& level : levels)
-      motion = level.sigma_mm > 0 ? refine_at_level(smooth(moving, level.sigma_mm), smooth(fixed, level.sigma_mm), points,
-                                                    motion, level)
+      motion = level.sigma_mm > 0 ? refine_at_level(smooth(moving, level.sigma_mm), smooth(fixed, level.sigma_mm),
+                                                    points, motion, level)
                                   : refine_at_level(moving, fixed, points, motion, level);
   } catch (const itk::ExceptionObject& error) {
     fail(Failure::numerical, "the rigid registration failed (", error.GetDescription(),
          "); check that the two images show the same part of the body");
+  }
+  return motion;
+}
+
+RigidMotion refine_robustly(const Image& moving, const Image& fixed, const std::vector<Vec3d>& moving_points,
+                            const std::vector<Vec3d>& fixed_points, const RigidMotion& start) {
+  const Spline from(moving), to(fixed);
+  RigidMotion motion = start;
+  double gain = 1, offset = 0, scale = 0;
+  std::vector<Difference> differences;
+  for (int step = 0; step < largest_newton_steps; ++step) {
+    differences.clear();
+    const Vec3d center = motion.center + motion.translation;
+    const auto compare = [&](const Vec3d& x, const Vec3d& y, bool seen_in_moving) {
+      double at_x = 0, at_y = 0;
+      Vec3d gradient_x, gradient_y;
+      if (!from.evaluate(x, at_x, gradient_x) || !to.evaluate(y, at_y, gradient_y)) return;
+      const Vec3d force = seen_in_moving ? gain * gradient_y : motion.rotation * gradient_x;
+      const Vec3d torque = cross(y - center, force);
+      differences.push_back({gain * at_y + offset - at_x,
+                             {force.x, force.y, force.z, torque.x, torque.y, torque.z, at_y, 1}});
+    };
+    const RigidMotion back = inverse(motion);
+    for (const Vec3d& x : moving_points) compare(x, motion.apply(x), true);
+    for (const Vec3d& y : fixed_points) compare(back.apply(y), y, false);
+    if (differences.empty()) return start;
+    if (step < weightings) scale = robust_scale(differences);
+    if (scale <= 0) break;  // the images agree already
+
+    vnl_matrix<double> normal(8, 8, 0.0);
+    vnl_vector<double> right(8, 0.0);
+    for (const Difference& d : differences) {
+      const double u = d.value / (tukey * scale);
+      if (std::abs(u) >= 1) continue;
+      const double weight = (1 - u * u) * (1 - u * u);
+      for (unsigned a = 0; a < 8; ++a) {
+        for (unsigned b = 0; b < 8; ++b) normal(a, b) += weight * d.derivative[a] * d.derivative[b];
+        right[a] -= weight * d.value * d.derivative[a];
+      }
+    }
+    const vnl_vector<double> change = vnl_svd<double>(normal).solve(right);
+    if (!change.is_finite()) return start;
+    motion.translation += Vec3d{change[0], change[1], change[2]};
+    motion.rotation = rotation_matrix({change[3], change[4], change[5]}) * motion.rotation;
+    gain += change[6];
+    offset += change[7];
+    for (const Vec3d& x : moving_points)
+      if (norm(motion.apply(x) - start.apply(x)) > largest_change_mm) return start;
+    if (change.extract(3).two_norm() < 1e-4 && change.extract(3, 3).two_norm() < 1e-6) break;
   }
   return motion;
 }

@@ -106,10 +106,14 @@ Volume<T> look_up(const Image& image, const Mask& mask, const FuzzyClasses& clas
   const double per_unit = range > 0 ? table_intervals / range : 0;
 
   Volume<T> result(image.grid);
-  parallel_for(image.data.size(), [&](std::size_t v) {
-    if (mask.data[v])
-      result.data[v] = table[std::size_t(std::clamp((image.data[v] - low) * per_unit, 0.0, double(table_intervals)) + 0.5)];
-  }, 65536);
+  parallel_for(
+      image.data.size(),
+      [&](std::size_t v) {
+        if (mask.data[v])
+          result.data[v] =
+              table[std::size_t(std::clamp((image.data[v] - low) * per_unit, 0.0, double(table_intervals)) + 0.5)];
+      },
+      65536);
   return result;
 }
 
@@ -124,10 +128,11 @@ Histogram histogram(const Image& image, const Mask& mask, double bin_width) {
       low = std::min(low, double(image.data[v]));
       high = std::max(high, double(image.data[v]));
     }
-  require(low <= high, "the mask is empty, so there are no intensities to classify; check the mask or the body threshold");
+  require(low <= high,
+          "the mask is empty, so there are no intensities to classify; check the mask or the body threshold");
   const double first = std::round(low / bin_width), bins = std::round(high / bin_width) - first + 1;
-  require(bins <= double(largest_histogram), "intensities from ", low, " to ", high, " need ", bins, " histogram bins of ",
-          bin_width, "; use a larger bin width or remove the outliers");
+  require(bins <= double(largest_histogram), "intensities from ", low, " to ", high, " need ", bins,
+          " histogram bins of ", bin_width, "; use a larger bin width or remove the outliers");
 
   std::vector<std::size_t> counts(static_cast<std::size_t>(bins));
   for (std::size_t v = 0; v < image.data.size(); ++v)
@@ -143,7 +148,8 @@ Histogram histogram(const Image& image, const Mask& mask, double bin_width) {
 
 FuzzyClasses fuzzy_c_means(const Histogram& samples, const FuzzyCMeansOptions& options) {
   require(options.classes >= 2, "fuzzy C-means with ", options.classes, " classes makes no sense; use at least 2");
-  require(options.fuzziness > 1, "the fuzziness of fuzzy C-means is ", options.fuzziness, "; it must be greater than 1");
+  require(options.fuzziness > 1, "the fuzziness of fuzzy C-means is ", options.fuzziness,
+          "; it must be greater than 1");
   require(int(samples.values.size()) >= options.classes, "the image has fewer distinct intensities (",
           samples.values.size(), ") than classes (", options.classes,
           "); use fewer classes, a smaller bin width, or check image and mask");
@@ -155,7 +161,8 @@ FuzzyClasses fuzzy_c_means(const Histogram& samples, const FuzzyCMeansOptions& o
   while (!result.converged && result.iterations < options.max_iterations) {
     std::vector<double> next = improved_centers(samples, result.centers, options.fuzziness);
     double largest_move = 0;
-    for (std::size_t j = 0; j < next.size(); ++j) largest_move = std::max(largest_move, std::abs(next[j] - result.centers[j]));
+    for (std::size_t j = 0; j < next.size(); ++j)
+      largest_move = std::max(largest_move, std::abs(next[j] - result.centers[j]));
     result.centers = std::move(next);
     ++result.iterations;
     result.converged = largest_move <= options.tolerance;
@@ -182,8 +189,8 @@ Image shear_modulus_map(const Image& image, const Mask& mask, const FuzzyClasses
   require(table.size() == classes.centers.size(), "the tissue table has ", table.size(), " rows for ",
           classes.centers.size(), " classes; give one row per class, in the order of their intensity");
   for (const auto& tissue : table)
-    require(tissue.shear_modulus_kpa > 0, "tissue '", tissue.name, "' has a shear modulus of ", tissue.shear_modulus_kpa,
-            " kPa; it must be positive (lung is about 0.5 kPa)");
+    require(tissue.shear_modulus_kpa > 0, "tissue '", tissue.name, "' has a shear modulus of ",
+            tissue.shear_modulus_kpa, " kPa; it must be positive (lung is about 0.5 kPa)");
   std::vector<double> u(table.size());
   return look_up<float>(image, mask, classes, [&](double intensity) {
     memberships(classes, intensity, u.data());

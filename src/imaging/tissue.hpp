@@ -8,25 +8,26 @@ namespace mtled {
 
 /// Settings of Fuzzy C-Means on intensity (Bezdek 1981; used on CT by Li et al.).
 struct FuzzyCMeansOptions {
-  int classes = 8;                         ///< >= 2
-  double fuzziness = 2.0;                  ///< q > 1
-  std::vector<double> fixed_centers{};      ///< if not empty: use these centres (sorted) and do not iterate
-  std::vector<double> initial_centers{};    ///< if empty: CT anchors for 8 classes of a CT (-300 ... 100 present), else quantiles
-  double tolerance = 1e-4;                 ///< stop when no centre moves more [intensity]
+  int classes = 8;                      ///< >= 2
+  double fuzziness = 2.0;               ///< q > 1
+  std::vector<double> fixed_centers{};  ///< if not empty: use these centres (sorted) and do not iterate
+  std::vector<double>
+      initial_centers{};    ///< if empty: CT anchors for 8 classes of a CT (-300 ... 100 present), else quantiles
+  double tolerance = 1e-4;  ///< stop when no centre moves more [intensity]
   int max_iterations = 5000;
 };
 
 struct FuzzyClasses {
-  std::vector<double> centers;             ///< [classes] ascending [intensity]
+  std::vector<double> centers;  ///< [classes] ascending [intensity]
   double fuzziness = 2.0;
-  double objective = 0;                    ///< J = sum u^q d^2
+  double objective = 0;  ///< J = sum u^q d^2
   int iterations = 0;
   bool converged = false;
 };
 
 /// Weighted samples: a scalar image's histogram, on which FCM is exact.
 struct Histogram {
-  std::vector<double> values;              ///< ascending
+  std::vector<double> values;  ///< ascending
   std::vector<double> counts;
 };
 /// Histogram of the voxels inside `mask`, one bin per distinct value after rounding to `bin_width` (1 HU for CT).
@@ -36,9 +37,9 @@ FuzzyClasses fuzzy_c_means(const Histogram& samples, const FuzzyCMeansOptions& o
 void memberships(const FuzzyClasses& classes, double intensity, double* membership);
 
 struct TissueProperties {
-  std::string name;                        ///< e.g. "muscle"
-  double shear_modulus_kpa = 0;            ///< > 0
-  bool bone = false;                       ///< for information: free bone is 10 x muscle
+  std::string name;              ///< e.g. "muscle"
+  double shear_modulus_kpa = 0;  ///< > 0
+  bool bone = false;             ///< for information: free bone is 10 x muscle
 };
 /// Table of Li et al. for 8 CT classes: lung 0.53 (x3), fat 1.07, ligament 3.57, muscle 4.05, bone 40.5 (x2) kPa.
 std::vector<TissueProperties> default_tissue_table();

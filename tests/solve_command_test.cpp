@@ -1,0 +1,244 @@
+#include <nlohmann/json.hpp>
+
+#include "core/material.hpp"
+#include "io/tables.hpp"
+#include "program.hpp"
+#include "temporary_folder.hpp"
+
+namespace mtled {
+namespace {
+
+using program::expect_refusal;
+using program::Outcome;
+using Strings = std::vector<std::string>;
+namespace fs = std::filesystem;
+
+constexpr int usage = 2, input = 3, numerical = 4, output = 7;
+constexpr int cells = 4;              ///< along each edge of the cube
+constexpr double spacing = 5;         ///< [mm]
+constexpr double side = cells * spacing;
+constexpr double shear_modulus = 2, bulk_modulus = 20;  ///< [kPa]
+
+/// The cube of the tests: its lower and upper faces are held and moved, the sides are free or follow.
+class Solve : public TemporaryFolder {
+ protected:
+  Solve() {
+    std::ofstream nodes(file("nodes.csv")), points(file("points.csv"));
+    nodes << "x,y,z\n";
+    for (int k = 0; k <= cells; ++k)
+      for (int j = 0; j <= cells; ++j)
+        for (int i = 0; i <= cells; ++i) nodes << i * spacing << ',' << j * spacing << ',' << k * spacing << '\n';
+    points << "x,y,z,volume\n";
+    for (int k = 0; k < 2 * cells; ++k)
+      for (int j = 0; j < 2 * cells; ++j)
+        for (int i = 0; i < 2 * cells; ++i) points << (i + 0.5) * spacing / 2 << ',' << (j + 0.5) * spacing / 2 << ',' << (k + 0.5) * spacing / 2 << ',' << 15.625 << '\n';
+    file("probes.csv", "x,y,z\n10,10,10\n7,9,12\n3.5,16,6\n");
+    std::ofstream constraints(file("constraints.csv"));
+    constraints << "node,ux,uy,uz,set\n";
+    for (const int k : {0, cells})
+      for (int j = 0; j <= cells; ++j)
+        for (int i = 0; i <= cells; ++i) constraints << node(i, j, k) << ",0,0," << (k ? "1,upper" : "0,lower") << '\n';
+    constraints.close();
+    write_case("");
+  }
+  static int node(int i, int j, int k) { return i + (cells + 1) * (j + (cells + 1) * k); }
+  static bool on_surface(int i) { return i == 0 || i == cells; }
+
+  /// case.toml with lines replaced that begin with the same key, or added below their [section].
+  fs::path write_case(const std::string& more, const std::string& lattice = "lattice = { origin = [0.0, 0.0, 0.0], spacing = 5.0 }\n", const std::string& material = "shear_modulus_kpa = 2.0\nbulk_modulus_kpa = 20.0\n") const {
+    return file("case.toml", "[nodes]\nfile = \"nodes.csv\"\n" + lattice + "[points]\nfile = \"points.csv\"\n[material]\n" + material +
+                                 "[constraints]\nfile = \"constraints.csv\"\n[probes]\nfile = \"probes.csv\"\n" + more);
+  }
+  fs::path out(const std::string& name = "") const { return name.empty() ? file("out") : file("out") / name; }
+  Outcome run(const Strings& more = {}) const {
+    Strings arguments{"solve", file("case.toml"), "-o", out()};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return program::run(arguments, file("log"));
+  }
+  void refused(int code, const Strings& parts, const Strings& more = {}) const {
+    expect_refusal(run(more), code, parts);
+    EXPECT_FALSE(fs::exists(out())) << "an output folder was left";
+  }
+  nlohmann::json summary() const { return nlohmann::json::parse(program::content(out("summary.json"))); }
+};
+
+TEST_F(Solve, StretchedCubeIsInBalance) {
+  const Outcome outcome = run();
+  ASSERT_EQ(outcome.code, 0) << outcome.err;
+  EXPECT_NE(outcome.out.find("converged after"), std::string::npos);
+  EXPECT_EQ(program::listing(out()), (Strings{"nodes.csv", "nodes.vtu", "probes.csv", "summary.json"}));
+  const nlohmann::json s = summary();
+  for (const char* key : {"converged", "steps", "error_estimate_mm", "strain_energy_mN_mm", "reactions_mN", "seconds", "nodes", "history"}) EXPECT_TRUE(s.contains(key)) << key;
+  EXPECT_TRUE(s["converged"]);
+  EXPECT_EQ(s["nodes"], (cells + 1) * (cells + 1) * (cells + 1));
+  const double pull = s["reactions_mN"]["upper"][2];
+  // Between free sides (Young's modulus) and held sides (modulus of confined stretch); force = modulus * area * strain.
+  const double young = 9 * bulk_modulus * shear_modulus / (3 * bulk_modulus + shear_modulus), confined = bulk_modulus + 4 * shear_modulus / 3;
+  EXPECT_GT(pull, young * side * 1);
+  EXPECT_LT(pull, confined * side * 1);
+  for (int c = 0; c < 3; ++c) EXPECT_NEAR(s["reactions_mN"]["upper"][c].get<double>(), -s["reactions_mN"]["lower"][c].get<double>(), 1e-2 * pull);
+  EXPECT_NEAR(s["strain_energy_mN_mm"].get<double>(), pull * 1 / 2, 0.1 * pull) << "work of a nearly linear spring";
+}
+
+TEST_F(Solve, PrescribedNodesAreWherePrescribed) {
+  ASSERT_EQ(run().code, 0);
+  const std::vector<Vec3d> x = read_points(out("nodes.csv")), u = read_points(out("nodes.csv"), {"ux", "uy", "uz"});
+  for (std::size_t n = 0; n < x.size(); ++n) {
+    if (x[n].z == 0 || x[n].z == side) {
+      EXPECT_LT(norm(u[n] - Vec3d{0, 0, x[n].z / side}), 1e-5) << "node " << n;
+    }
+  }
+  const std::vector<Vec3d> at = read_points(out("probes.csv")), moved = read_points(out("probes.csv"), {"ux", "uy", "uz"});
+  EXPECT_EQ(at[2].y, 16);
+  EXPECT_LT(norm(moved[0] - Vec3d{0, 0, 0.5}), 0.02) << "the centre moves half way, by symmetry";
+}
+
+TEST_F(Solve, LinearFieldOnTheSurfaceContinuesInside) {
+  Mat3d F = Mat3d::identity();
+  F[0][0] = 1.03, F[0][1] = 0.05, F[2][2] = 0.98, F[2][0] = -0.02;
+  std::ofstream constraints(file("constraints.csv"));
+  constraints << "node,ux,uy,uz,set\n";
+  for (int k = 0; k <= cells; ++k)
+    for (int j = 0; j <= cells; ++j)
+      for (int i = 0; i <= cells; ++i) {
+        if (!on_surface(i) && !on_surface(j) && !on_surface(k)) continue;
+        const Vec3d X = spacing * Vec3d{double(i), double(j), double(k)}, u = F * X - X;
+        constraints << node(i, j, k) << ',' << u.x << ',' << u.y << ',' << u.z << ",surface\n";
+      }
+  constraints.close();
+  write_case("[solver]\ntolerance_mm = 0.001\n");
+  ASSERT_EQ(run().code, 0);
+  const std::vector<Vec3d> X = read_points(out("probes.csv")), u = read_points(out("probes.csv"), {"ux", "uy", "uz"});
+  for (std::size_t p = 0; p < X.size(); ++p) EXPECT_LT(norm(u[p] - (F * X[p] - X[p])), 0.01) << p;
+  const double energy = side * side * side * NeoHookean<double>{shear_modulus, bulk_modulus}.energy(F);
+  EXPECT_NEAR(summary()["strain_energy_mN_mm"].get<double>(), energy, 0.01 * energy);
+}
+
+TEST_F(Solve, SameBitsForAnyThreadsAndWithoutTheLatticePromise) {
+  const Outcome one = run({"--threads", "1"});
+  ASSERT_EQ(one.code, 0) << one.err;
+  const std::string nodes = program::content(out("nodes.csv")), probes = program::content(out("probes.csv"));
+  ASSERT_EQ(run({"--threads", "2", "--force", "--quiet"}).code, 0);
+  EXPECT_EQ(program::content(out("nodes.csv")), nodes);
+  const std::vector<Vec3d> with = read_points(out("probes.csv"), {"ux", "uy", "uz"});
+  write_case("", "");
+  ASSERT_EQ(run({"--force"}).code, 0);
+  const std::vector<Vec3d> without = read_points(out("probes.csv"), {"ux", "uy", "uz"});
+  for (std::size_t p = 0; p < with.size(); ++p) EXPECT_LT(norm(with[p] - without[p]), 0.03) << "other coupling, nearly the same field";
+}
+
+TEST_F(Solve, PlainRelaxationInDoubleAgrees) {
+  ASSERT_EQ(run().code, 0);
+  const std::vector<Vec3d> two_level = read_points(out("probes.csv"), {"ux", "uy", "uz"});
+  write_case("[solver]\nrelaxation = \"plain\"\nprecision = \"double\"\ntolerance_mm = 0.001\n");
+  ASSERT_EQ(run({"--force"}).code, 0);
+  const std::vector<Vec3d> plain = read_points(out("probes.csv"), {"ux", "uy", "uz"});
+  for (std::size_t p = 0; p < plain.size(); ++p) EXPECT_LT(norm(plain[p] - two_level[p]), 0.05) << "the tolerance of the coarser one";
+}
+
+TEST_F(Solve, ConstraintsThatMakeNoSense) {
+  file("constraints.csv", "node,ux,uy,uz,set\n125,0,0,0,a\n");
+  refused(input, {"constraints.csv, line 2", "node 125 does not exist", "0 to 124"});
+  file("constraints.csv", "node,ux,uy,uz,set\n-1,0,0,0,a\n");
+  refused(input, {"line 2", "does not exist"});
+  file("constraints.csv", "node,ux,uy,uz,set\n3,0,0,0,a\n3,0,1,0,b\n");
+  refused(input, {"line 3", "node 3", "twice with different values", "0 and 1 mm", "keep one"});
+  file("constraints.csv", "node,ux,uy,uz,set\n3,,,,a\n");
+  refused(input, {"line 2", "no displacement component"});
+  file("constraints.csv", "node,ux,uy,uz,set\n");
+  refused(input, {"constraints.csv", "no constraints"});
+  file("constraints.csv", "node,ux,uy,uz,set\n0,0,0,0,a\n1,0,0,0,a\n2,0,0,0,a\n");  // on one line
+  refused(input, {"free", "three components at three nodes"});
+  file("constraints.csv", "node,ux,uy\n0,0,0\n");
+  refused(input, {"no column 'uz'"});
+}
+
+TEST_F(Solve, MaterialsThatMakeNoSense) {
+  for (const char* ratio : {"0.5", "0.7", "-0.1", "nan"}) {
+    write_case("", "", std::string("poisson_ratio = ") + ratio + "\n");
+    refused(input, {"material.poisson_ratio", "below 0.5"});
+  }
+  for (const char* key : {"shear_modulus_kpa", "bulk_modulus_kpa", "density_kg_mm3"})
+    for (const char* value : {"-1.0", "0.0", "nan", "inf"}) {
+      write_case("", "", std::string(key) + " = " + value + "\n");
+      refused(input, {key, "positive"});
+    }
+  write_case("", "", "model = \"ogden\"\n");
+  refused(input, {"ogden", "neo-hookean"});
+}
+
+TEST_F(Solve, TablesThatMakeNoSense) {
+  for (const char* row : {"1,1,1,0,1", "1,1,1,-2,1", "1,1,1,nan,1", "1,1,1,,1"}) {
+    file("points.csv", std::string("x,y,z,volume,shear_modulus_kpa\n") + row + "\n");
+    refused(input, {"points.csv, line 2", "volume"});
+  }
+  file("points.csv", "x,y,z,volume,shear_modulus_kpa\n1,1,1,1,-5\n");
+  refused(input, {"points.csv, line 2", "shear_modulus_kpa is -5", "positive"});
+  file("points.csv", "x,y,z,volume\n");
+  refused(input, {"points.csv", "no integration points"});
+  file("points.csv", "x;y;z;volume\n1;2;3;4\n");
+  refused(input, {"points.csv", "commas"});
+  file("nodes.csv", "x,y,z\n");
+  refused(input, {"nodes.csv", "no nodes"});
+  fs::remove(file("nodes.csv"));
+  refused(input, {"nodes.csv", "no such file"});
+}
+
+TEST_F(Solve, ProbesOutsideTheBody) {
+  file("probes.csv", "x,y,z\n10,10,10\n10,10,40\n");
+  refused(input, {"probe 1", "(10, 10, 40)", "outside the body", "remove it"});
+}
+
+TEST_F(Solve, CasesThatMakeNoSense) {
+  write_case("[solver]\ntolerance = 0.1\n");
+  refused(input, {"solver.tolerance", "not a known setting", "tolerance_mm"});
+  write_case("[mesh]\nfile = \"x\"\n");
+  refused(input, {"mesh", "not a known setting"});
+  for (const char* setting : {"tolerance_mm = 0.0", "tolerance_mm = nan", "tolerance_mm = inf", "max_steps = 0", "max_steps = -5", "max_steps = 99999999999", "load_steps = -1", "coarse_unknowns = 0", "relaxation = \"fast\"", "precision = \"half\"",
+                              "tolerance_mm = \"small\""}) {
+    write_case(std::string("[solver]\n") + setting + "\n");
+    const std::string text = setting;
+    refused(input, {"solver." + text.substr(0, text.find(' '))});
+  }
+  write_case("[shape_functions]\ndilatation = 1.0\n");
+  refused(input, {"shape_functions.dilatation"});
+  write_case("", "lattice = { origin = [0.0, 0.0, 0.0], spacing = 4.0 }\n");
+  refused(input, {"not on the promised lattice"});
+  write_case("", "lattice = { origin = [0.0, 0.0], spacing = 5.0 }\n");
+  refused(input, {"nodes.lattice.origin", "three numbers"});
+  file("case.toml", "[nodes\n");
+  refused(input, {"case.toml, line 1"});
+  file("case.toml", "");
+  refused(input, {"nodes", "file"});
+  fs::remove(file("case.toml"));
+  refused(input, {"case.toml"});
+}
+
+TEST_F(Solve, CommandLineMistakes) {
+  expect_refusal(program::run({"solve"}, file("log")), usage, {"case"});
+  expect_refusal(program::run({"solve", "case.toml"}, file("log")), usage, {"--output"});
+  refused(usage, {"--threads"}, {"--threads", "0"});
+  fs::create_directory(out());
+  file("out/precious.txt", "x");
+  expect_refusal(run(), output, {"not empty", "--force"});
+  EXPECT_EQ(program::listing(out()), Strings{"precious.txt"});
+}
+
+TEST_F(Solve, NoConvergenceKeepsTheResultsSoFar) {
+  write_case("[solver]\nmax_steps = 2\n");
+  expect_refusal(run(), numerical, {"no convergence within 2 steps", "max_steps"});
+  EXPECT_FALSE(summary()["converged"]);
+}
+
+TEST_F(Solve, InterruptedRunLeavesNothing) {
+  write_case("[solver]\nrelaxation = \"plain\"\ntolerance_mm = 1e-30\nmax_steps = 2000000000\n");
+  program::Run solving({"solve", file("case.toml"), "-o", out() / "deeper"}, file("log"));
+  ::usleep(500000);
+  EXPECT_TRUE(fs::exists(out()));
+  solving.interrupt();
+  EXPECT_EQ(solving.finish().code, 130);
+  EXPECT_FALSE(fs::exists(out()));
+}
+
+}  // namespace
+}  // namespace mtled
