@@ -73,7 +73,7 @@ CoarseSpace<Real>::CoarseSpace(const std::vector<Vec3d>& position, const NodalFi
   for (std::size_t s = 0; s < position.size(); ++s)
     if (is_active(s))
       for (int a = 0; a < 3; ++a) low[a] = std::min(low[a], position[s][a]), high[a] = std::max(high[a], position[s][a]);
-  require(low.x <= high.x, "no node is free to move: every node has a prescribed displacement");
+  if (low.x > high.x) return;  // nothing to correct
   g.spacing = smallest_spacing;
   for (int count = unknowns + 1; count > unknowns; g.spacing *= 1.05) {
     count = 3;
@@ -139,6 +139,7 @@ void add_point(const PointTerms& p, float* matrix) {
 template <class Real>
 void CoarseSpace<Real>::assemble(const SupportTable& supports, const IntegrationPoints& points, const NodalField<Real>& u) {
   Grid& g = *grid_;
+  if (g.used.empty()) return;
   // Points by spline cell, so that each cell's block is summed by one thread in a fixed order.
   std::vector<std::vector<std::uint32_t>> points_of(std::size_t(g.function_count()));
   double w[3][3];
@@ -240,6 +241,7 @@ void CoarseSpace<Real>::assemble(const SupportTable& supports, const Integration
 template <class Real>
 void CoarseSpace<Real>::add_correction(const NodalField<Real>& f, NodalField<Real>& out) const {
   const Grid& g = *grid_;
+  if (g.used.empty()) return;
   using Quad = typename Grid::Quad;
   const std::size_t functions = std::size_t(g.function_count());
   const std::size_t pieces = (g.nodes.size() + node_piece - 1) / node_piece;

@@ -17,7 +17,7 @@ class CoarseSpace {
  public:
   /// `position`: [num_slots] rest positions [mm]; `active`: nodal field, 1 where a parameter is free to follow the coarse
   /// functions, 0 where it is prescribed or there is no node. The spacing is chosen so that about `unknowns` functions
-  /// result, but is at least `smallest_spacing` [mm].
+  /// result, but is at least `smallest_spacing` [mm]. Where nothing is active there are no functions and no correction.
   CoarseSpace(const std::vector<Vec3d>& position, const NodalField<Real>& active, int unknowns, double smallest_spacing);
   ~CoarseSpace();
 

@@ -163,6 +163,11 @@ SlotModel<Real> build_model(const ShapeEvaluator& evaluator, IntegrationPoints& 
     for (int c = 0; c < 3; ++c)
       if (model.active.at(s, c) != 0) model.inverse_diagonal.at(s, c) = Real(1 / diagonal[std::size_t(c) * slots + s]);
 
+  bool any_active = false;
+  for (std::size_t s = 0; s < slots && !any_active; ++s)
+    for (int c = 0; c < 3; ++c) any_active = any_active || model.active.at(s, c) != 0;
+  require(any_active, "no node is free to move: every node has a prescribed displacement; leave some nodes free");
+
   // Nodes just outside the body keep soft modes that the field hardly sees: only those with a fair share of volume are watched.
   std::vector<double> sorted;
   for (double v : inside)

@@ -1,6 +1,8 @@
 #include "io/case_file.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <map>
 #include <unordered_map>
 
@@ -21,6 +23,19 @@ toml::table parse_toml(const std::filesystem::path& path) {
 
 namespace {
 
+double positive_number(TomlSection& section, const std::string& key, double otherwise) {
+  const double v = section.value(key, otherwise);
+  require(v > 0 && std::isfinite(v), section.place(key), " is ", v, "; it must be positive and finite");
+  return v;
+}
+
+int whole_number(TomlSection& section, const std::string& key, int otherwise, int least) {
+  const std::int64_t v = section.value<std::int64_t>(key, otherwise);
+  require(v >= least && v <= std::numeric_limits<int>::max(), section.place(key), " is ", v, "; it must be a whole number from ", least, " to ",
+          std::numeric_limits<int>::max());
+  return int(v);
+}
+
 struct MaterialDefaults {
   double shear_modulus, bulk_modulus, density;
 };
@@ -29,17 +44,14 @@ MaterialDefaults read_material(TomlSection& section) {
   const std::string model = section.value<std::string>("model", "neo-hookean");
   require(model == "neo-hookean", section.place("model"), " is '", model, "'; this version knows: neo-hookean");
   MaterialDefaults m{};
-  m.shear_modulus = section.value("shear_modulus_kpa", 1.0);
-  require(m.shear_modulus > 0, section.place("shear_modulus_kpa"), " is ", m.shear_modulus, "; it must be positive");
+  m.shear_modulus = positive_number(section, "shear_modulus_kpa", 1.0);
   require(!(section.has("bulk_modulus_kpa") && section.has("poisson_ratio")), section.place("poisson_ratio"),
           " and bulk_modulus_kpa say the same thing; keep one");
   const double poisson = section.value("poisson_ratio", 0.49);
   require(poisson >= 0 && poisson < 0.5, section.place("poisson_ratio"), " is ", poisson,
           "; it must be at least 0 and below 0.5 (0.5, exactly incompressible, has no finite bulk modulus; 0.49 is usual)");
-  m.bulk_modulus = section.value("bulk_modulus_kpa", bulk_modulus(m.shear_modulus, poisson));
-  require(m.bulk_modulus > 0, section.place("bulk_modulus_kpa"), " is ", m.bulk_modulus, "; it must be positive");
-  m.density = section.value("density_kg_mm3", 1e-6);
-  require(m.density > 0, section.place("density_kg_mm3"), " is ", m.density, "; it must be positive");
+  m.bulk_modulus = positive_number(section, "bulk_modulus_kpa", bulk_modulus(m.shear_modulus, poisson));
+  m.density = positive_number(section, "density_kg_mm3", 1e-6);
   return m;
 }
 
@@ -109,8 +121,7 @@ std::optional<Lattice> read_lattice(TomlSection& nodes, const std::string& file)
     require(value.has_value(), section.place("origin"), " must be three numbers [mm]");
     lattice.origin[a] = *value;
   }
-  lattice.spacing = section.value("spacing", 0.0);
-  require(lattice.spacing > 0, section.place("spacing"), " is ", lattice.spacing, " mm; it must be positive");
+  lattice.spacing = positive_number(section, "spacing", 0.0);
   section.finish();
   return lattice;
 }
@@ -157,15 +168,13 @@ SolveCase read_case(const std::filesystem::path& path) {
   shapes.finish();
 
   TomlSection solver(root.section("solver"), file, "solver");
-  result.solver.tolerance_mm = solver.value("tolerance_mm", result.solver.tolerance_mm);
-  require(result.solver.tolerance_mm > 0, solver.place("tolerance_mm"), " must be positive");
-  result.solver.max_steps = int(solver.value<std::int64_t>("max_steps", result.solver.max_steps));
-  require(result.solver.max_steps > 0, solver.place("max_steps"), " must be positive");
+  result.solver.tolerance_mm = positive_number(solver, "tolerance_mm", result.solver.tolerance_mm);
+  result.solver.max_steps = whole_number(solver, "max_steps", result.solver.max_steps, 1);
   const std::string relaxation = solver.value<std::string>("relaxation", "two-level");
   require(relaxation == "two-level" || relaxation == "plain", solver.place("relaxation"), " is '", relaxation, "'; choose two-level or plain");
   result.solver.relaxation = relaxation == "plain" ? Relaxation::plain : Relaxation::two_level;
-  result.solver.load_steps = int(solver.value<std::int64_t>("load_steps", 0));
-  result.solver.coarse_unknowns = int(solver.value<std::int64_t>("coarse_unknowns", result.solver.coarse_unknowns));
+  result.solver.load_steps = whole_number(solver, "load_steps", 0, 0);
+  result.solver.coarse_unknowns = whole_number(solver, "coarse_unknowns", result.solver.coarse_unknowns, 6);
   const std::string precision = solver.value<std::string>("precision", "single");
   require(precision == "single" || precision == "double", solver.place("precision"), " is '", precision, "'; choose single or double");
   result.solver.double_precision = precision == "double";
