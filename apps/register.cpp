@@ -1,10 +1,13 @@
 #include <algorithm>
+#include <sys/resource.h>
+
 #include <chrono>
 #include <cmath>
 #include <cstdio>
 
 #include "core/error.hpp"
 #include "evaluation_report.hpp"
+#include "image_io/checksum.hpp"
 #include "image_io/image_io.hpp"
 #include "imaging/figures.hpp"
 #include "imaging/morphology.hpp"
@@ -32,20 +35,40 @@ struct RegisterOptions : CommonOptions {
 constexpr double inverse_tolerance_mm = 0.01;
 constexpr double evaluation_margin_mm = 10;  ///< around the body: the skin's edges and where a bad candidate puts them
 
-/// Books wall time per stage.
-class StageTimes {
+/// Books wall time and peak memory so far per stage.
+class Stages {
  public:
   void lap(const std::string& stage) {
     const auto now = std::chrono::steady_clock::now();
-    seconds_[stage] = std::chrono::duration<double>(now - last_).count();
+    rusage usage;
+    getrusage(RUSAGE_SELF, &usage);
+    report_[stage] = {{"seconds", std::chrono::duration<double>(now - last_).count()}, {"peak_memory_MB", double(usage.ru_maxrss) / 1024}};
     last_ = now;
   }
-  const Json& seconds() const { return seconds_; }
+  const Json& report() const { return report_; }
 
  private:
-  Json seconds_ = Json::object();
+  Json report_ = Json::object();
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
+
+/// Name and checksum of every file that was read.
+Json inputs_of(const RegisterOptions& o) {
+  Json inputs = Json::object();
+  for (const auto& [name, path] : std::initializer_list<std::pair<const char*, std::filesystem::path>>{
+           {"moving", o.moving}, {"fixed", o.fixed}, {"moving-labels", o.motion.moving_labels}, {"fixed-labels", o.motion.fixed_labels}, {"motions", o.motion.motions},
+           {"moving-mask", o.tissue.mask}, {"shear-modulus", o.tissue.shear_modulus}, {"tissue-table", o.tissue.tissue_table}, {"landmarks", o.evaluation.landmarks},
+           {"points", o.points}, {"config", o.config}})
+    if (!path.empty()) inputs[name] = {{"path", path.string()}, {"md5", md5_of(path)}};
+  return inputs;
+}
+
+/// Shear modulus at the nodes, 0 outside the body.
+PointData modulus_at_nodes(const Cloud& cloud, const Image& shear_modulus) {
+  PointData modulus{"shear_modulus_kPa", 1, {}};
+  for (const Vec3d& x : cloud.nodes) modulus.values.push_back(nearest_value<float>(shear_modulus, x, 0));
+  return modulus;
+}
 
 Json describe(const JacobianStatistics& s) {
   return {{"min", s.minimum}, {"percentile_1", s.percentile_1}, {"median", s.median}, {"percentile_99", s.percentile_99}, {"max", s.maximum}, {"folded_voxels", s.folded}, {"voxels", s.voxels}};
@@ -106,25 +129,22 @@ void write_point_displacements(const std::filesystem::path& file, const std::vec
   write_displacements(file, points, u);
 }
 
-void print_summary(const Json& summary, const std::filesystem::path& output) {
-  const auto& solver = summary["solver"];
-  std::printf("converged after %d steps, estimated error %.3g mm; %zu nodes\n", solver["steps"].get<int>(), solver["error_estimate_mm"].get<double>(), solver["nodes"].get<std::size_t>());
-  std::printf("smallest volume ratio %.3f, %zu folded voxels\n", summary["jacobian"]["min"].get<double>(), summary["jacobian"]["folded_voxels"].get<std::size_t>());
-  if (summary.contains("evaluation")) {
-    print_edges(summary["evaluation"]["edges"]);
-    if (summary["evaluation"].contains("landmarks"))
-      for (const auto& [name, e] : summary["evaluation"]["landmarks"].items())
-        std::printf("landmarks %-8s mean %.2f, median %.2f, 95 %% %.2f, max %.2f mm (%d points)\n", name.c_str(), e["mean_mm"].get<double>(), e["median_mm"].get<double>(),
-                    e["percentile_95_mm"].get<double>(), e["max_mm"].get<double>(), e["points"].get<int>());
-  }
-  std::printf("results in %s: warped.nii.gz, fixed_to_moving.h5 (for 3D Slicer and ITK), overlay.png, displacement.png, summary.json, ...\n", output.string().c_str());
+void print_summary(const Json& metrics, const std::filesystem::path& output) {
+  std::printf("converged after %d steps, estimated error %.3g mm\n", metrics["solver"]["steps"].get<int>(), metrics["solver"]["error_estimate_mm"].get<double>());
+  std::printf("smallest volume ratio %.3f, %zu folded voxels\n", metrics["jacobian"]["min"].get<double>(), metrics["jacobian"]["folded_voxels"].get<std::size_t>());
+  if (metrics.contains("edges")) print_edges(metrics["edges"]);
+  if (metrics.contains("landmarks"))
+    for (const auto& [name, e] : metrics["landmarks"].items())
+      std::printf("landmarks %-8s mean %.2f, median %.2f, 95 %% %.2f, max %.2f mm (%d points)\n", name.c_str(), e["mean_mm"].get<double>(), e["median_mm"].get<double>(),
+                  e["percentile_95_mm"].get<double>(), e["max_mm"].get<double>(), e["points"].get<int>());
+  std::printf("results in %s: warped.nii.gz, fixed_to_moving.h5 (for 3D Slicer and ITK), overlay.png, displacement.png, metrics.json, ...\n", output.string().c_str());
 }
 
 void run(CLI::App& verb, RegisterOptions& options) {
   apply_config(verb, options);
   for (const char* name : {"--moving", "--fixed", "--moving-labels", "--output"}) require_option(verb, name);
   const auto limit = start(options);
-  StageTimes times;
+  Stages times;
   announce(options, "reading images");
   const ImagePair pair = read_pair(options.moving, options.fixed, options.resample);
   BoneLoads loads = read_loads(pair.moving, pair.fixed, options.motion);
@@ -150,21 +170,23 @@ void run(CLI::App& verb, RegisterOptions& options) {
   const Image warped = warp_image(pair.moving, inverse.displacement, options.interpolation, float(options.outside));
   times.lap("warp");
 
-  Json summary;
-  summary["program"] = "mtled " MTLED_VERSION;
+  Json metrics, manifest;
+  manifest["program"] = "mtled " MTLED_VERSION;
   for (const CLI::Option* option : verb.get_options())
-    if (!option->get_lnames().empty() && option->count() > 0) summary["settings"][option->get_lnames()[0]] = option->results();
-  summary["tissue"] = describe(tissue);
-  summary["motions"] = loads.report;
-  summary["warnings"] = loads.warnings;
-  summary["solver"] = summary_of(deformation.solution());
-  summary["solver"].erase("reactions_mN");
-  summary["jacobian"] = describe(jacobian_statistics(forward.displacement, forward.covered));
-  summary["inverse"] = {{"largest_residual_mm", inverse_statistics.largest_residual_mm}, {"covered_voxels", inverse_statistics.covered}, {"unresolved_voxels", inverse_statistics.unresolved}};
-  if (summary["jacobian"]["folded_voxels"].get<std::size_t>() > 0) warn("the deformation folds at some voxels (see summary.json); results there are not to be trusted");
+    if (!option->get_lnames().empty() && option->count() > 0) manifest["settings"][option->get_lnames()[0]] = option->results();
+  manifest["inputs"] = inputs_of(options);
+  manifest["tissue"] = describe(tissue);
+  manifest["solver"] = summary_of(deformation.solution());
+  manifest["solver"].erase("reactions_mN");
+  metrics["motions"] = loads.report;
+  metrics["warnings"] = loads.warnings;
+  for (const char* key : {"converged", "steps", "error_estimate_mm", "smallest_volume_ratio"}) metrics["solver"][key] = manifest["solver"][key];
+  metrics["jacobian"] = describe(jacobian_statistics(forward.displacement, forward.covered));
+  metrics["inverse"] = {{"largest_residual_mm", inverse_statistics.largest_residual_mm}, {"covered_voxels", inverse_statistics.covered}, {"unresolved_voxels", inverse_statistics.unresolved}};
+  if (metrics["jacobian"]["folded_voxels"].get<std::size_t>() > 0) warn("the deformation folds at some voxels (see metrics.json); results there are not to be trusted");
 
   announce(options, "writing");
-  std::filesystem::remove(output / "summary.json");  // written last: a folder without it is not complete
+  std::filesystem::remove(output / "manifest.json");  // written last: a folder without it is not complete
   write_image(output / "warped.nii.gz", warped);
   write_labels(output / "warped_labels.nii.gz", warp_labels(loads.labels, inverse.displacement));
   write_mask(output / "body_mask.nii.gz", tissue.body);
@@ -174,17 +196,23 @@ void run(CLI::App& verb, RegisterOptions& options) {
   write_vector_image(output / "moving_to_fixed.nrrd", forward.displacement);
   write_vector_image(output / "fixed_to_moving.nrrd", inverse.displacement);
   write_displacement_transform(output / "fixed_to_moving.h5", inverse.displacement);
-  write_nodes(output.path(), deformation.body().cloud, deformation.solution());
+  write_nodes(output.path(), deformation.body().cloud, deformation.body().constraints, deformation.solution(), {modulus_at_nodes(deformation.body().cloud, tissue.shear_modulus)});
   if (!options.points.empty()) write_point_displacements(output / "points.csv", points, deformation, forward);
   write_png(output / "displacement.png", displacement_figure(pair.moving, forward.displacement, forward.covered));
+  write_png(output / "shear_modulus.png", shear_modulus_figure(pair.moving, tissue.shear_modulus));
   times.lap("writing");
   if (options.evaluate) {
-    summary["evaluation"] = evaluate(options, pair, tissue, loads, landmarks, deformation, forward, inverse, warped);
+    try {
+      metrics.update(evaluate(options, pair, tissue, loads, landmarks, deformation, forward, inverse, warped));
+    } catch (const Error& error) {
+      warn(std::string("the evaluation failed: ") + error.what());  // the registration is done all the same
+    }
     times.lap("evaluation");
   }
-  summary["stage_seconds"] = times.seconds();
-  write_text(output / "summary.json", summary.dump(1) + "\n");
-  print_summary(summary, options.output);
+  write_text(output / "metrics.json", metrics.dump(1) + "\n");
+  manifest["stages"] = times.report();
+  write_text(output / "manifest.json", manifest.dump(1) + "\n");
+  print_summary(metrics, options.output);
 }
 
 }  // namespace

@@ -37,7 +37,7 @@ void run(const SolveOptions& options) {
             ") mm lies outside the body; remove it");
   const Solution solution = solve(evaluator, problem.points, problem.constraints, problem.solver);
   if (!problem.probes.empty()) write_displacements(output / "probes.csv", problem.probes, displacement_at_probes(evaluator, solution, problem.probes));
-  write_nodes(output.path(), problem.cloud, solution);
+  write_nodes(output.path(), problem.cloud, problem.constraints, solution);
   const Json summary = summary_of(solution);
   write_text(output / "summary.json", summary.dump(1) + "\n");
   std::printf("%s after %d steps (%d force evaluations), estimated error %.3g mm, strain energy %.6g mN mm, %.3g s\n",

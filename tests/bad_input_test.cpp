@@ -240,11 +240,11 @@ TEST_F(BadInput, OutputFolderThatCannotBeUsed) {
 
 TEST_F(BadInput, OldResultsSurviveAFailure) {
   ASSERT_EQ(run(registration({})).code, 0);
-  const std::string before = program::content(out() / "summary.json");
+  const std::string before = program::content(out() / "manifest.json");
   Strings again = registration({{"--max-steps", "3"}});
   again.push_back("--force");
   EXPECT_EQ(run(again).code, numerical);
-  EXPECT_EQ(program::content(out() / "summary.json"), before);
+  EXPECT_EQ(program::content(out() / "manifest.json"), before);
 }
 
 TEST_F(BadInput, WarpAndEvaluateRefuseWhatDoesNotFit) {

@@ -84,24 +84,32 @@ std::vector<Vec3d> moved(std::vector<Vec3d> points, const VectorImage& field) {
 TEST_F(CommandLine, RegisterWritesEveryFileAndNoOther) {
   ASSERT_EQ(shared.outcome.code, 0) << shared.outcome.err;
   EXPECT_EQ(program::listing(shared.folder / "result"),
-            (Strings{"body_mask.nii.gz", "displacement.png", "fixed_to_moving.h5", "fixed_to_moving.nrrd", "motions.json", "moving_to_fixed.nrrd", "nodes.csv", "nodes.vtu",
-                     "overlay.png", "points.csv", "shear_modulus.nii.gz", "summary.json", "warped.nii.gz", "warped_body.nii.gz", "warped_labels.nii.gz"}));
+            (Strings{"body_mask.nii.gz", "displacement.png", "fixed_to_moving.h5", "fixed_to_moving.nrrd", "manifest.json", "metrics.json", "motions.json", "moving_to_fixed.nrrd",
+                     "nodes.csv", "nodes.vtu", "overlay.png", "points.csv", "shear_modulus.nii.gz", "shear_modulus.png", "warped.nii.gz", "warped_body.nii.gz", "warped_labels.nii.gz"}));
 }
 
-TEST_F(CommandLine, SummaryHasTheDocumentedKeys) {
-  const Json summary = json(result("summary.json"));
-  for (const char* key : {"program", "settings", "tissue", "motions", "warnings", "solver", "jacobian", "inverse", "evaluation", "stage_seconds"}) EXPECT_TRUE(summary.contains(key)) << key;
-  EXPECT_EQ(summary["settings"]["node-spacing"][0], "8");
-  EXPECT_TRUE(summary["solver"]["converged"]);
-  EXPECT_LT(summary["solver"]["error_estimate_mm"], 0.05);
-  EXPECT_GT(summary["solver"]["nodes"], 1000);
-  EXPECT_EQ(summary["jacobian"]["folded_voxels"], 0);
-  EXPECT_EQ(summary["motions"].size(), std::size_t(torso::bones));
-  EXPECT_TRUE(summary["warnings"].empty()) << summary["warnings"];
-  EXPECT_NEAR(summary["tissue"]["body_litres"], 3.3, 0.8);
+TEST_F(CommandLine, MetricsAndManifestHaveTheDocumentedKeys) {
+  const Json metrics = json(result("metrics.json")), manifest = json(result("manifest.json"));
+  for (const char* key : {"motions", "warnings", "solver", "jacobian", "inverse", "edges", "labels", "landmarks"}) EXPECT_TRUE(metrics.contains(key)) << key;
+  for (const char* key : {"program", "settings", "inputs", "tissue", "solver", "stages"}) EXPECT_TRUE(manifest.contains(key)) << key;
+  EXPECT_EQ(manifest["settings"]["node-spacing"][0], "8");
+  for (const char* input : {"moving", "fixed", "moving-labels", "motions"}) EXPECT_EQ(manifest["inputs"][input]["md5"].get<std::string>().size(), 32u) << input;
+  EXPECT_NE(manifest["inputs"]["moving"]["md5"], manifest["inputs"]["fixed"]["md5"]);
+  for (const char* stage : {"reading", "tissue", "motions", "mechanics", "evaluation"}) {
+    EXPECT_GE(manifest["stages"][stage]["seconds"], 0) << stage;
+    EXPECT_GT(manifest["stages"][stage]["peak_memory_MB"], 1) << stage;
+  }
+  EXPECT_TRUE(manifest["solver"]["converged"]);
+  EXPECT_GT(manifest["solver"]["history"].size(), 3u);
+  EXPECT_LT(metrics["solver"]["error_estimate_mm"], 0.05);
+  EXPECT_GT(manifest["solver"]["nodes"], 1000);
+  EXPECT_EQ(metrics["jacobian"]["folded_voxels"], 0);
+  EXPECT_EQ(metrics["motions"].size(), std::size_t(torso::bones));
+  EXPECT_TRUE(metrics["warnings"].empty()) << metrics["warnings"];
+  EXPECT_NEAR(manifest["tissue"]["body_litres"], 3.3, 0.8);
   for (const char* candidate : {"before", "rigid", "mtled"})
     for (const char* key : {"within_two_voxels", "within_two_voxels_all_edges", "hausdorff_mm", "consistent_fraction"})
-      EXPECT_TRUE(summary["evaluation"]["edges"][candidate].contains(key)) << candidate << ' ' << key;
+      EXPECT_TRUE(metrics["edges"][candidate].contains(key)) << candidate << ' ' << key;
 }
 
 TEST_F(CommandLine, EdgeTableGoesFromBeforeToResult) {
@@ -112,7 +120,7 @@ TEST_F(CommandLine, EdgeTableGoesFromBeforeToResult) {
 }
 
 TEST_F(CommandLine, RegistrationImprovesEdgesLabelsAndLandmarks) {
-  const Json evaluation = json(result("summary.json"))["evaluation"];
+  const Json evaluation = json(result("metrics.json"));
   EXPECT_GT(evaluation["edges"]["mtled"]["within_two_voxels_all_edges"], evaluation["edges"]["before"]["within_two_voxels_all_edges"]);
   for (int label = 0; label < torso::bones; ++label)
     EXPECT_GT(evaluation["labels"]["mtled"][label]["dice"], evaluation["labels"]["before"][label]["dice"].get<double>() + 0.1) << label;
@@ -207,11 +215,11 @@ TEST_F(CommandLine, ConfigGivesSettingsAndTheCommandLineWins) {
        "output = \"result\"\nnode-spacing = 12\ntolerance = 0.2\nno-evaluation = true\nresample = [5, 5, 5]\nrelaxation = \"plain\"\n");
   const Outcome outcome = run({"register", "--config", file("case/run.toml").string(), "--node-spacing", "10"});
   ASSERT_EQ(outcome.code, 0) << outcome.err;
-  const Json summary = json(file("case/result/summary.json"));
-  EXPECT_EQ(summary["settings"]["node-spacing"][0], "10");
-  EXPECT_EQ(summary["settings"]["tolerance"][0], "0.2");
-  EXPECT_FALSE(summary.contains("evaluation"));
-  EXPECT_EQ(summary["solver"]["coarse_unknowns"], 0) << "plain relaxation has no coarse space";
+  const Json manifest = json(file("case/result/manifest.json"));
+  EXPECT_EQ(manifest["settings"]["node-spacing"][0], "10");
+  EXPECT_EQ(manifest["settings"]["tolerance"][0], "0.2");
+  EXPECT_FALSE(json(file("case/result/metrics.json")).contains("edges"));
+  EXPECT_EQ(manifest["solver"]["coarse_unknowns"], 0) << "plain relaxation has no coarse space";
   EXPECT_NEAR(read_image(file("case/result/warped.nii.gz"), "image").grid.spacing.x, 5, 0.1);
 }
 
@@ -234,7 +242,7 @@ TEST_F(CommandLine, RegisterEstimatesMotionsByItself) {
                                "--fixed-labels", pair("fixed_labels.nii.gz").string(), "--node-spacing", "10", "-o", file("out").string(), "--landmarks",
                                (shared.folder / "landmarks.csv").string()});
   ASSERT_EQ(outcome.code, 0) << outcome.err;
-  const Json landmarks = json(file("out/summary.json"))["evaluation"]["landmarks"];
+  const Json landmarks = json(file("out/metrics.json"))["landmarks"];
   EXPECT_LT(landmarks["mtled"]["mean_mm"], 0.5 * voxel_mm);
   EXPECT_LT(landmarks["mtled"]["mean_mm"], 0.5 * landmarks["before"]["mean_mm"].get<double>());
 }
@@ -278,9 +286,9 @@ TEST_F(CommandLine, EvaluateComparesEdgesLabelsAndLandmarks) {
                                "--warped-labels", result("warped_labels.nii.gz").string(), "--landmarks", (shared.folder / "landmarks.csv").string(), "--result",
                                (shared.folder / "result").string(), "--mask", result("warped_body.nii.gz").string(), "-o", file("out").string()});
   ASSERT_EQ(outcome.code, 0) << outcome.err;
-  const Json evaluation = json(file("out/evaluation.json")), summary = json(result("summary.json"));
+  const Json evaluation = json(file("out/evaluation.json")), metrics = json(result("metrics.json"));
   EXPECT_GT(evaluation["edges"]["warped"]["within_two_voxels"], 0.95);
-  EXPECT_EQ(evaluation["labels"], summary["evaluation"]["labels"]["mtled"]);
+  EXPECT_EQ(evaluation["labels"], metrics["labels"]["mtled"]);
   EXPECT_LT(evaluation["landmarks"]["mean_mm"], 0.2);
 }
 

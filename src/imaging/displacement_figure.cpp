@@ -1,6 +1,8 @@
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
+#include <string>
 
 #include "imaging/figure_layout.hpp"
 
@@ -9,6 +11,7 @@ namespace {
 
 constexpr int bar_width = 24, bar_labels = 90;  ///< [pixels] of the colour bar
 constexpr double color_weight = 0.65;           ///< of the displacement's colour against the image under it
+constexpr double largest_soft_modulus = 5;      ///< [kPa] stiffer tissue (bone) has the same colour
 constexpr int darkest = 70,
               brightest = 230;  ///< greys of the image under the displacement: colours stay readable on air
 
@@ -37,49 +40,67 @@ Image displacement_on_slice(const VectorImage& displacement, const Mask& covered
   return length;
 }
 
-/// The displacement's colours over a grey panel, with black lines at multiples of `step` [mm].
-void draw_displacement(Picture& panel, const Image& length, double largest, double step) {
-  const auto line_between = [step](float a, float b) { return std::floor(a / step) != std::floor(b / step); };
+/// The colours of `values` over a grey panel, with black lines at multiples of `step` unless it is 0.
+void draw_values(Picture& panel, const Image& values, double largest, double step) {
+  const auto line_between = [step](float a, float b) { return step > 0 && std::floor(a / step) != std::floor(b / step); };
   for (int y = 0; y < panel.height; ++y)
     for (int x = 0; x < panel.width; ++x) {
-      const float value = length.at(x, y, 0);
+      const float value = values.at(x, y, 0);
       if (std::isnan(value)) continue;
-      const float right = x + 1 < panel.width ? length.at(x + 1, y, 0) : value;
-      const float below = y + 1 < panel.height ? length.at(x, y + 1, 0) : value;
+      const float right = x + 1 < panel.width ? values.at(x + 1, y, 0) : value;
+      const float below = y + 1 < panel.height ? values.at(x, y + 1, 0) : value;
       const bool line =
           (!std::isnan(right) && line_between(value, right)) || (!std::isnan(below) && line_between(value, below));
       const int grey = panel.rgb[3 * (std::size_t(y) * std::size_t(panel.width) + std::size_t(x))];
       const auto under = static_cast<unsigned char>(darkest + grey * (brightest - darkest) / 255);
-      set_pixel(panel, x, y, line ? black : blend({under, under, under}, viridis(value / largest), color_weight));
+      set_pixel(panel, x, y, line ? black : blend({under, under, under}, viridis(std::min(value / largest, 1.0)), color_weight));
     }
 }
 
-}  // namespace
-
-Picture displacement_figure(const Image& moving, const VectorImage& displacement, const Mask& covered) {
+/// Three slices of `moving` under the colours of `values_on` each slice [unit in `title`], up to `largest` (0: the
+/// largest value there is).
+Picture colored_slices(const Image& moving, const std::function<Image(const Grid&)>& values_on, const std::string& title, double largest, bool lines) {
   const int bar_left = picture_width - bar_labels - bar_width;
   const Layout layout = arrange(moving.grid, bar_left);
   Picture picture = blank_picture(picture_width, margin + line_height + layout.row_height + margin, white);
   const int top = margin + line_height;
   draw_column_names(picture, layout, margin);
 
-  Image length[3];
-  double largest = 0;
+  Image values[3];
+  double found = 0;
   for (int p = 0; p < 3; ++p) {
-    length[p] = displacement_on_slice(displacement, covered, refined(layout.slices[p], 2));
-    for (const float value : length[p].data) largest = std::max(largest, double(std::isnan(value) ? 0 : value));
+    values[p] = values_on(refined(layout.slices[p], 2));
+    for (const float value : values[p].data) found = std::max(found, double(std::isnan(value) ? 0 : value));
   }
-  if (largest == 0) largest = 1;
+  if (largest == 0) largest = found > 0 ? found : 1;
   const double step = round_number_below(largest / 4);
   const Window window = display_window(moving);
   for (int p = 0; p < 3; ++p) {
-    Picture panel = grey_picture(on_slice(moving, length[p].grid), window);
-    draw_displacement(panel, length[p], largest, step);
+    Picture panel = grey_picture(on_slice(moving, values[p].grid), window);
+    draw_values(panel, values[p], largest, lines ? step : 0);
     paste_panel(picture, layout, p, top, halved(panel));
   }
-  draw_text(picture, bar_left, margin, "|u| [mm]", black);
+  draw_text(picture, bar_left, margin, title, black);
   draw_color_bar(picture, {bar_left, top, bar_width, layout.row_height}, largest, step);
   return picture;
+}
+
+}  // namespace
+
+Picture displacement_figure(const Image& moving, const VectorImage& displacement, const Mask& covered) {
+  return colored_slices(
+      moving, [&](const Grid& slice) { return displacement_on_slice(displacement, covered, slice); }, "|u| [mm]", 0, true);
+}
+
+Picture shear_modulus_figure(const Image& moving, const Image& shear_modulus) {
+  const auto modulus_on = [&](const Grid& slice) {
+    Image values(slice, std::numeric_limits<float>::quiet_NaN());
+    for (int y = 0; y < slice.size[1]; ++y)
+      for (int x = 0; x < slice.size[0]; ++x)
+        if (const float mu = nearest_value<float>(shear_modulus, slice.point(x, y, 0), 0); mu > 0) values.at(x, y, 0) = mu;
+    return values;
+  };
+  return colored_slices(moving, modulus_on, "mu [kPa]", largest_soft_modulus, false);
 }
 
 }  // namespace mtled

@@ -24,5 +24,7 @@ Picture overlay_figure(const Image& fixed, const std::vector<Candidate>& candida
 /// |u| in colour, with lines at the labelled values [mm] of the colour bar, on the same three slices of the moving
 /// image; coloured where `covered` is not 0.
 Picture displacement_figure(const Image& moving, const VectorImage& displacement, const Mask& covered);
+/// Shear modulus [kPa] in colour on the same slices, where it is positive; 5 kPa and more (bone) share the last colour.
+Picture shear_modulus_figure(const Image& moving, const Image& shear_modulus);
 
 }  // namespace mtled

@@ -2,8 +2,6 @@
 
 #include <cmath>
 
-#include "io/tables.hpp"
-
 namespace mtled {
 namespace {
 
@@ -37,12 +35,14 @@ Json summary_of(const Solution& s) {
   return j;
 }
 
-void write_nodes(const std::filesystem::path& directory, const Cloud& cloud, const Solution& solution) {
+void write_nodes(const std::filesystem::path& directory, const Cloud& cloud, const Constraints& constraints, const Solution& solution, std::vector<PointData> more) {
   write_displacements(directory / "nodes.csv", cloud.nodes, solution.displacement);
-  PointData u{"displacement", 3, {}};
+  PointData u{"displacement_mm", 3, {}}, prescribed{"prescribed", 1, std::vector<float>(cloud.size(), 0.0f)};
   for (const Vec3d& d : solution.displacement)
     for (int c = 0; c < 3; ++c) u.values.push_back(float(d[c]));
-  write_vtu(directory / "nodes.vtu", cloud.nodes, {u});
+  for (int n : constraints.node) prescribed.values[std::size_t(n)] = 1;
+  more.insert(more.begin(), {std::move(u), std::move(prescribed)});
+  write_vtu(directory / "nodes.vtu", cloud.nodes, more);
 }
 
 }  // namespace mtled
