@@ -263,5 +263,11 @@ TEST(ImplausibleNeighbours, NameAnOddShift) {
   EXPECT_NE(warnings[0].find("labels 7 and 8 shift by 9 mm"), std::string::npos) << warnings[0];
 }
 
+TEST(ImplausibleNeighbours, NameThemWhereMostJointsAreWrong) {
+  auto motions = smooth_column();
+  for (int level = 1; level < 8; level += 2) motions[std::size_t(level)].motion.translation.x += 100;
+  EXPECT_EQ(implausible_neighbours(motions).size(), 7u);
+}
+
 }  // namespace
 }  // namespace mtled

@@ -464,7 +464,7 @@ TEST(ConstraintOperatorInFloat, KeepsTheFieldToAMillionth) {
 TEST(ConstraintOperatorErrors, NodesAtOnePlaceCannotBothBePrescribed) {
   std::vector<Vec3d> nodes = scenes::jittered_box(box).nodes;
   nodes.push_back(nodes[0]);
-  const Cloud cloud = make_cloud(nodes, std::nullopt);
+  const Cloud cloud{nodes, std::nullopt, {}};  // make_cloud() would refuse it
   Constraints constraints;
   scenes::prescribe(cloud, constraints, "all", [&](const Vec3d& x) { return x == nodes[0] || x.z < 1; }, scenes::nowhere);
   const ShapeEvaluator evaluator(cloud, scenes::prescribed_flags(cloud, constraints), {});

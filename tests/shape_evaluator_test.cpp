@@ -259,6 +259,7 @@ TEST(MakeCloud, RefusesABrokenPromise) {
   EXPECT_NE(message.find("node 17"), std::string::npos) << message;
   nodes[17] = nodes[5];
   EXPECT_NE(scenes::error_of([&] { make_cloud(nodes, promise); }).find("nodes 5 and 17 are at the same place"), std::string::npos);
+  EXPECT_NE(scenes::error_of([&] { make_cloud(nodes, std::nullopt); }).find("nodes 5 and 17 are at the same place"), std::string::npos);
   EXPECT_NE(scenes::error_of([&] { make_cloud({}, std::nullopt); }), "");
   promise.spacing = 0;
   EXPECT_NE(scenes::error_of([&] { make_cloud(nodes, promise); }), "");

@@ -1,6 +1,9 @@
 #include "core/cloud.hpp"
 
+#include <algorithm>
 #include <limits>
+#include <numeric>
+#include <tuple>
 
 #include "core/error.hpp"
 
@@ -43,12 +46,22 @@ void index_nodes(Cloud& cloud) {
   }
 }
 
+void require_distinct(const std::vector<Vec3d>& nodes) {
+  std::vector<std::size_t> order(nodes.size());
+  std::iota(order.begin(), order.end(), std::size_t(0));
+  const auto key = [&](std::size_t n) { return std::tuple(nodes[n].x, nodes[n].y, nodes[n].z, n); };
+  std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return key(a) < key(b); });
+  for (std::size_t i = 1; i < order.size(); ++i)
+    require(!(nodes[order[i]] == nodes[order[i - 1]]), "nodes ", order[i - 1], " and ", order[i], " are at the same place; remove one");
+}
+
 }  // namespace
 
 Cloud make_cloud(std::vector<Vec3d> nodes, std::optional<Lattice> promise) {
   require(!nodes.empty(), "there are no nodes");
   Cloud cloud{std::move(nodes), std::move(promise), {}};
   if (cloud.lattice) index_nodes(cloud);
+  else require_distinct(cloud.nodes);
   return cloud;
 }
 

@@ -20,7 +20,8 @@ MTLED_HD inline double bulk_modulus(double shear_modulus, double poisson_ratio) 
 }
 
 /// Nearly incompressible neo-Hookean solid, W = mu/2 (J^(-2/3) I1 - 3) + k/2 (J - 1)^2 [kPa = mN mm / mm^3],
-/// J = det F, I1 = tr(F^T F). T is a scalar or a pack of scalars.
+/// J = det F, I1 = tr(F^T F). T is a scalar, or a pack of scalars where core/lanes.hpp was included before this header
+/// (packs are built-in types, so their functions must be known by then).
 template <class T>
 struct NeoHookean {
   T shear_modulus;  ///< mu [kPa]

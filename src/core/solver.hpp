@@ -62,8 +62,9 @@ struct Solution {
 };
 
 /// Static equilibrium of the body under prescribed displacements, all else free of load.
-/// Input errors: no constraints or too few to hold the body; numerical errors: divergence, inverted points at the end,
-/// no convergence within max_steps (with position and remedy).
+/// Input errors: no constraints, too few to hold the body, or no free node; numerical errors: divergence, inverted points
+/// at the end (with position and remedy). Without convergence within max_steps the result says so and holds the state
+/// reached.
 Solution solve(const ShapeEvaluator& evaluator, IntegrationPoints points, const Constraints& constraints, const SolverOptions& options);
 
 /// u(x) of a solution [mm]; false where the cloud has no usable support.

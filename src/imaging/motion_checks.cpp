@@ -47,8 +47,11 @@ std::vector<std::string> implausible_neighbours(const std::vector<LabelMotion>& 
       gaps.push_back(joints.back().gap_mm);
     }
   if (joints.empty()) return {};
-  // A healthy joint turns by up to about 15 deg and hardly gapes; relative limits allow for odd centres and label maps.
-  const double turn_limit = std::max(8.0, 3 * median(turns) + 5), gap_limit = std::max(5.0, 3 * median(gaps) + 3);
+  // A healthy joint turns by up to about 15 deg and hardly gapes; relative limits allow for odd centres and label maps,
+  // fixed ones hold where most joints are wrong and the median with them.
+  constexpr double most_turn_deg = 25, most_gap_mm = 25;
+  const double turn_limit = std::min(std::max(8.0, 3 * median(turns) + 5), most_turn_deg);
+  const double gap_limit = std::min(std::max(5.0, 3 * median(gaps) + 3), most_gap_mm);
 
   std::vector<std::string> warnings;
   for (const Joint& joint : joints) {
