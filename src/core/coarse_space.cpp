@@ -104,8 +104,6 @@ CoarseSpace<Real>::~CoarseSpace() = default;
 template <class Real>
 int CoarseSpace<Real>::unknowns() const { return 3 * int(grid_->used.size()); }
 template <class Real>
-double CoarseSpace<Real>::spacing() const { return grid_->spacing; }
-template <class Real>
 std::size_t CoarseSpace<Real>::bytes() const {
   return grid_->nodes.size() * sizeof(typename Grid::Node) + std::size_t(unknowns()) * std::size_t(unknowns()) * sizeof(float);
 }

@@ -27,7 +27,6 @@ class CoarseSpace {
   /// g += Z A^-1 Z^T f
   void add_correction(const NodalField<Real>& f, NodalField<Real>& g) const;
   int unknowns() const;
-  double spacing() const;
   std::size_t bytes() const;
 
  private:

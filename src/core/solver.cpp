@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <nanoflann.hpp>
 
 #include "core/error.hpp"
 #include "core/material.hpp"

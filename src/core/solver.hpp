@@ -32,7 +32,6 @@ struct SolverOptions {
   int max_steps = 20000;
   int load_steps = 0;                ///< plain: steps of the load ramp; 0 = chosen from the distance to prescribed nodes
   int coarse_unknowns = 2400;        ///< two_level
-  double dilatation = 1.75;          ///< of the supports; see MlsOptions
   bool double_precision = false;     ///< of the state and the forces
   std::function<void(const Progress&)> progress;
 };
