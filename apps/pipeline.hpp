@@ -5,6 +5,7 @@
 
 #include "command.hpp"
 #include "core/body_sampling.hpp"
+#include "core/shape_evaluator.hpp"
 #include "core/solver.hpp"
 #include "imaging/body.hpp"
 #include "imaging/bone_motion.hpp"

@@ -14,7 +14,7 @@ struct SolveOptions : CommonOptions {
   std::filesystem::path case_file, output;
 };
 
-std::vector<Vec3d> displacement_at_probes(const ShapeEvaluator& evaluator, const Solution& solution, const std::vector<Vec3d>& probes) {
+std::vector<Vec3d> displacement_at_probes(const Approximation& evaluator, const Solution& solution, const std::vector<Vec3d>& probes) {
   std::vector<Vec3d> u(probes.size());
   std::size_t outside = 0, first = 0;
   for (std::size_t p = 0; p < probes.size(); ++p)

@@ -76,7 +76,7 @@ TEST_P(Bases, ReproduceLinearFieldsOnACoupledLattice) {
   int in_coupled_cells = 0;
   for (const Vec3d& x : places_inside(200)) {
     expect_linear_reproduction(evaluator, x);
-    in_coupled_cells += evaluator.coupled(evaluator.cell_of(x));
+    in_coupled_cells += evaluator.coupled(cell_of(*evaluator.cloud().lattice, x));
   }
   EXPECT_GT(in_coupled_cells, 50);
 }
@@ -113,7 +113,7 @@ TEST_P(Bases, GradientsAreDifferencesOfValuesInFreeAndCoupledCells) {
     bool near_a_face = false;  // where coupled functions have a kink
     for (int a = 0; a < 3; ++a) near_a_face = near_a_face || std::abs(x[a] / h - std::round(x[a] / h)) < 2 * step;
     if (near_a_face) continue;
-    coupled += evaluator.coupled(evaluator.cell_of(x));
+    coupled += evaluator.coupled(cell_of(*evaluator.cloud().lattice, x));
     ShapeFunctions s, up, down;
     int enlarged = 0, enlarged_up = 0, enlarged_down = 0;
     ASSERT_TRUE(evaluator.at(x, s, &enlarged));
@@ -169,8 +169,8 @@ TEST(ShapeEvaluator, ValuesAreContinuousAcrossCellFaces) {
 TEST(ShapeEvaluator, PlacesOnTheUpperFaceBelongToTheLastCell) {
   const Cloud cloud = scenes::lattice_box(box);
   const ShapeEvaluator evaluator(cloud, {}, {});
-  EXPECT_EQ(evaluator.cell_of({6 * h, 6 * h, 6 * h}), (std::array<int, 3>{5, 5, 5}));
-  EXPECT_EQ(evaluator.cell_of({6 * h * (1 - 1e-12), 0.5 * h, 0}), (std::array<int, 3>{5, 0, 0}));
+  EXPECT_EQ(cell_of(*evaluator.cloud().lattice, {6 * h, 6 * h, 6 * h}), (std::array<int, 3>{5, 5, 5}));
+  EXPECT_EQ(cell_of(*evaluator.cloud().lattice, {6 * h * (1 - 1e-12), 0.5 * h, 0}), (std::array<int, 3>{5, 0, 0}));
   EXPECT_TRUE(evaluator.covers({6 * h, 6 * h, 6 * h}));
   EXPECT_TRUE(evaluator.covers({0, 0, 0}));
   EXPECT_FALSE(evaluator.covers({6.1 * h, 3 * h, 3 * h}));

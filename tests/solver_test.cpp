@@ -1,3 +1,4 @@
+#include "core/shape_evaluator.hpp"
 #include "core/solver.hpp"
 
 #include <gtest/gtest.h>

@@ -31,12 +31,12 @@ struct ConstraintOperator<Real>::Component {
 };
 
 template <class Real>
-ConstraintOperator<Real>::ConstraintOperator(const ShapeEvaluator& evaluator, const SlotLayout& layout, const Constraints& constraints)
+ConstraintOperator<Real>::ConstraintOperator(const Approximation& field, const SlotLayout& layout, const Constraints& constraints)
     : constraints_(&constraints) {
   const std::size_t n = constraints.node.size();
   std::vector<ShapeFunctions> shapes(n);
   for (std::size_t b = 0; b < n; ++b)
-    require(evaluator.at(evaluator.cloud().nodes[std::size_t(constraints.node[b])], shapes[b]), "node ", constraints.node[b],
+    require(field.at(field.cloud().nodes[std::size_t(constraints.node[b])], shapes[b]), "node ", constraints.node[b],
             " has a prescribed displacement but too few nodes around it for shape functions; add nodes or remove it");
   for (int c = 0; c < 3; ++c) {
     auto component = std::make_unique<Component>();

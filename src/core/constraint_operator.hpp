@@ -5,7 +5,7 @@
 
 #include "core/cloud.hpp"
 #include "core/nodal_field.hpp"
-#include "core/shape_evaluator.hpp"
+#include "core/approximation.hpp"
 #include "core/stencils.hpp"
 
 namespace mtled {
@@ -19,7 +19,7 @@ template <class Real>
 class ConstraintOperator {
  public:
   /// Input error when the prescribed nodes' shape functions cannot be inverted.
-  ConstraintOperator(const ShapeEvaluator& evaluator, const SlotLayout& layout, const Constraints& constraints);
+  ConstraintOperator(const Approximation& field, const SlotLayout& layout, const Constraints& constraints);
   ~ConstraintOperator();
 
   /// Sets the prescribed parameters for `load` (0..1) times the prescribed displacement.

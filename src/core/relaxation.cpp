@@ -55,7 +55,7 @@ double largest_eigenvalue(const SlotModel<Real>& model, const NodalField<Real>& 
   double lambda = 0;
   for (int i = 0; i < iterations; ++i) {
     model.constraints->impose(v, 0);
-    model.forces->tangent(u, v, f);
+    model.tangent(u, v, f);
     model.constraints->reduce(f);
     precondition(model, f, g);
     const double vf = dot(v, f), gf = dot(g, f), gg = dot(g, g);
@@ -124,7 +124,7 @@ double advance(const SlotModel<Real>& model, const StepSizes& step, const NodalF
 template <class Real>
 double rayleigh_quotient(const SlotModel<Real>& model, const NodalField<Real>& u, NodalField<Real>& change, NodalField<Real>& f, NodalField<Real>& g) {
   model.constraints->impose(change, 0);
-  model.forces->tangent(u, change, f);
+  model.tangent(u, change, f);
   model.constraints->reduce(f);
   const double stiffness = dot(change, f);
   double quotient;
@@ -165,8 +165,8 @@ int advance_load(const SlotModel<Real>& model, double load, double relative_resi
   model.constraints->impose(u, load);
   p.copy_from(u);
   combine(p, -1, state, 1);
-  model.forces->tangent(state, p, Kp);
-  model.forces->force(state, r);
+  model.tangent(state, p, Kp);
+  model.force(state, load, r);
   combine(r, 1, Kp, 1);
   model.constraints->reduce(r);
   int products = 2;
@@ -178,7 +178,7 @@ int advance_load(const SlotModel<Real>& model, double load, double relative_resi
   constexpr int most_iterations = 300;
   for (int i = 0; i < most_iterations && rz > relative_residual * relative_residual * first; ++i) {
     model.constraints->impose(p, 0);
-    model.forces->tangent(state, p, Kp);
+    model.tangent(state, p, Kp);
     model.constraints->reduce(Kp);
     ++products;
     const double pKp = dot(p, Kp);
@@ -194,10 +194,6 @@ int advance_load(const SlotModel<Real>& model, double load, double relative_resi
   model.constraints->impose(u, load);
   return products;
 }
-
-namespace {
-
-}  // namespace
 
 template <class Real>
 RelaxationResult relax(const SlotModel<Real>& model, const SolverOptions& options, double safety, NodalField<Real>& u) {
@@ -243,7 +239,7 @@ RelaxationResult relax(const SlotModel<Real>& model, const SolverOptions& option
     } else if (two_level && n < settle) {
       step.rho = n < 40 ? 0.7 : 0.9;
     }
-    model.forces->force(u, f);
+    model.force(u, load, f);
     ++result.force_evaluations;
     model.constraints->reduce(f);
     precondition(model, f, g);

@@ -7,6 +7,7 @@
 #include "core/coarse_space.hpp"
 #include "core/constraint_operator.hpp"
 #include "core/cpu_forces.hpp"
+#include "core/springs.hpp"
 #include "core/solver.hpp"
 
 namespace mtled {
@@ -22,11 +23,24 @@ struct SlotModel {
   SupportTable supports;
   const IntegrationPoints* points = nullptr;
   std::unique_ptr<CpuForces<Real>> forces;
+  std::unique_ptr<SpringForces<Real>> springs;  ///< null: none
   std::unique_ptr<ConstraintOperator<Real>> constraints;
   std::unique_ptr<CoarseSpace<Real>> coarse;  ///< null: diagonal preconditioner only
   NodalField<Real> coarse_active;
   double largest_increment = 0;       ///< of a step, beyond which the iteration has diverged [mm]
   double largest_distance = 0;        ///< of a node to the nearest prescribed one, in node spacings
+
+  /// f = internal force [mN] at displacement u [mm], the springs' at `load` of their targets included.
+  VolumeRatioStatistics force(const NodalField<Real>& u, double load, NodalField<Real>& f) const {
+    const VolumeRatioStatistics ratio = forces->force(u, f);
+    if (springs) springs->add_force(u, load, f);
+    return ratio;
+  }
+  /// f = K(u) v [mN]
+  void tangent(const NodalField<Real>& u, const NodalField<Real>& v, NodalField<Real>& f) const {
+    forces->tangent(u, v, f);
+    if (springs) springs->add_tangent(v, f);
+  }
 };
 
 struct RelaxationResult {

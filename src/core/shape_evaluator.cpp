@@ -73,7 +73,7 @@ struct ShapeEvaluator::Neighbours {
 };
 
 ShapeEvaluator::ShapeEvaluator(const Cloud& cloud, std::vector<std::uint8_t> prescribed, const MlsOptions& options)
-    : cloud_(&cloud), prescribed_(std::move(prescribed)), options_(options), neighbours_(std::make_unique<Neighbours>(cloud)) {}
+    : Approximation(cloud, std::move(prescribed)), options_(options), neighbours_(std::make_unique<Neighbours>(cloud)) {}
 ShapeEvaluator::~ShapeEvaluator() = default;
 ShapeEvaluator::ShapeEvaluator(ShapeEvaluator&&) noexcept = default;
 
@@ -93,7 +93,7 @@ bool ShapeEvaluator::at(const Vec3d& x, ShapeFunctions& shapes, int* enlargement
   const int tries = support(x, shapes);
   if (enlargements) *enlargements = tries;
   if (tries < 0) return false;
-  if (cloud_->lattice && !prescribed_.empty()) couple(x, shapes);
+  if (cloud().lattice && any_prescribed()) couple(x, shapes);
   return true;
 }
 
@@ -112,8 +112,7 @@ bool each_corner(const Lattice& l, const std::array<int, 3>& cell, Body&& body) 
 
 }  // namespace
 
-std::array<int, 3> ShapeEvaluator::cell_of(const Vec3d& x) const {
-  const Lattice& l = *cloud_->lattice;
+std::array<int, 3> cell_of(const Lattice& l, const Vec3d& x) {
   std::array<int, 3> cell;
   bool on_plane[3];
   for (int a = 0; a < 3; ++a) {
@@ -134,12 +133,12 @@ std::array<int, 3> ShapeEvaluator::cell_of(const Vec3d& x) const {
 
 bool ShapeEvaluator::coupled(const std::array<int, 3>& cell) const {
   bool any = false;
-  return each_corner(*cloud_->lattice, cell, [&](int, int n) { any = any || prescribed(n); }) && any;
+  return each_corner(*cloud().lattice, cell, [&](int, int n) { any = any || prescribed(n); }) && any;
 }
 
 void ShapeEvaluator::couple(const Vec3d& x, ShapeFunctions& shapes) const {
-  const Lattice& l = *cloud_->lattice;
-  const std::array<int, 3> cell = cell_of(x);
+  const Lattice& l = *cloud().lattice;
+  const std::array<int, 3> cell = cell_of(*cloud().lattice, x);
   if (!coupled(cell)) return;
   // Trilinear functions of the cell and their gradients.
   int corner_node[8];
@@ -175,16 +174,18 @@ void ShapeEvaluator::couple(const Vec3d& x, ShapeFunctions& shapes) const {
   }
 }
 
+int ShapeEvaluator::reach() const { return int(std::ceil(options_.dilatation)); }
+
 bool ShapeEvaluator::covers(const Vec3d& x) const {
-  if (cloud_->lattice) return each_corner(*cloud_->lattice, cell_of(x), [](int, int) {});
+  if (cloud().lattice) return each_corner(*cloud().lattice, cell_of(*cloud().lattice, x), [](int, int) {});
   return neighbours_->nearest_distance(x) <= neighbours_->local_spacing(x);
 }
 
 bool ShapeEvaluator::touches(const Vec3d& x) const {
-  if (!cloud_->lattice) return covers(x);
-  const std::array<int, 3> cell = cell_of(x);
+  if (!cloud().lattice) return covers(x);
+  const std::array<int, 3> cell = cell_of(*cloud().lattice, x);
   for (int c = 0; c < 8; ++c)
-    if (cloud_->lattice->node(cell[0] + (c & 1), cell[1] + (c >> 1 & 1), cell[2] + (c >> 2)) >= 0) return true;
+    if (cloud().lattice->node(cell[0] + (c & 1), cell[1] + (c >> 1 & 1), cell[2] + (c >> 2)) >= 0) return true;
   return false;
 }
 

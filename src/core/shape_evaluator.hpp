@@ -3,12 +3,11 @@
 #include <memory>
 #include <vector>
 
-#include "core/cloud.hpp"
-#include "core/moving_least_squares.hpp"
+#include "core/approximation.hpp"
 
 namespace mtled {
 
-/// Shape functions of a cloud at any place of the body: u(x) = sum_I phi_I(x) u_I.
+/// Moving least squares shape functions of a cloud at any place of the body.
 ///
 /// On a lattice, cells that touch a node with a prescribed displacement are coupled with trilinear finite elements
 /// (Krongauz & Belytschko 1996): with R = sum of the trilinear N_J over the prescribed corners,
@@ -18,36 +17,31 @@ namespace mtled {
 ///
 /// The support radius is dilatation * local spacing: the lattice's, or that of the nearest nodes. A support that is too
 /// small or badly conditioned is enlarged by 12 % up to eight times.
-class ShapeEvaluator {
+class ShapeEvaluator : public Approximation {
  public:
   /// Keeps a reference to `cloud`. `prescribed`: [num_nodes] nonzero where any component is prescribed; may be empty.
   ShapeEvaluator(const Cloud& cloud, std::vector<std::uint8_t> prescribed, const MlsOptions& options);
-  ~ShapeEvaluator();
+  ~ShapeEvaluator() override;
   ShapeEvaluator(ShapeEvaluator&&) noexcept;
 
   /// False, and no shapes, where no support is good enough (outside the body, or a stray place). Thread-safe.
   /// `enlargements`: how often the support had to be enlarged.
-  bool at(const Vec3d& x, ShapeFunctions& shapes, int* enlargements = nullptr) const;
+  bool at(const Vec3d& x, ShapeFunctions& shapes, int* enlargements = nullptr) const override;
   /// Whether x lies in a cell whose eight corners are nodes (lattice), or within one local spacing of a node.
   bool covers(const Vec3d& x) const;
   /// Whether x lies in a cell with at least one node (lattice: also in cells that the body only grazes), or covers(x).
-  bool touches(const Vec3d& x) const;
+  bool touches(const Vec3d& x) const override;
+  int reach() const override;
 
-  const Cloud& cloud() const { return *cloud_; }
   const MlsOptions& options() const { return options_; }
-  /// Lattice position of the cell that holds x; on a face, edge or corner: one of those that have all their nodes.
-  std::array<int, 3> cell_of(const Vec3d& x) const;
   /// Whether lattice cell (i, j, k) is coupled: all eight corners are nodes and at least one is prescribed.
   bool coupled(const std::array<int, 3>& cell) const;
-  bool prescribed(int node) const { return !prescribed_.empty() && prescribed_[std::size_t(node)]; }
 
  private:
   struct Neighbours;
   int support(const Vec3d& x, ShapeFunctions& shapes) const;
   void couple(const Vec3d& x, ShapeFunctions& shapes) const;
 
-  const Cloud* cloud_;
-  std::vector<std::uint8_t> prescribed_;
   MlsOptions options_;
   std::unique_ptr<Neighbours> neighbours_;
 };

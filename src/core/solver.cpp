@@ -90,7 +90,7 @@ int held_motions(const std::vector<std::pair<Vec3d, std::array<bool, 3>>>& fixed
 }
 
 template <class Real>
-void require_held(const SlotModel<Real>& model, const Cloud& cloud, const Constraints& constraints) {
+void require_held(const SlotModel<Real>& model, const Cloud& cloud, const Constraints& constraints, const Springs& springs) {
   const SupportTable& t = model.supports;
   Pieces pieces(model.position.size());
   for (std::size_t p = 0; p < t.stencil.size(); ++p) {
@@ -98,7 +98,16 @@ void require_held(const SlotModel<Real>& model, const Cloud& cloud, const Constr
     const int b = t.begin[std::size_t(t.stencil[p])], e = t.begin[std::size_t(t.stencil[p]) + 1];
     for (int s = b + 1; s < e; ++s) pieces.join(t.base[p] + t.offset[std::size_t(b)], t.base[p] + t.offset[std::size_t(s)]);
   }
+  for (std::size_t r = 0; r < springs.size(); ++r)
+    for (std::size_t e = springs.begin[r] + 1; e < springs.begin[r + 1]; ++e)
+      pieces.join(model.layout.slot_of_node[std::size_t(springs.node[springs.begin[r]])], model.layout.slot_of_node[std::size_t(springs.node[e])]);
   std::map<int, std::vector<std::pair<Vec3d, std::array<bool, 3>>>> fixed;
+  for (std::size_t r = 0; r < springs.size(); ++r) {
+    if (springs.set[r] < 0) continue;
+    Vec3d place{};
+    for (std::size_t e = springs.begin[r]; e < springs.begin[r + 1]; ++e) place += springs.coefficient[e] * cloud.nodes[std::size_t(springs.node[e])];
+    fixed[pieces.root(model.layout.slot_of_node[std::size_t(springs.node[springs.begin[r]])])].push_back({place, {true, true, true}});
+  }
   for (std::size_t b = 0; b < constraints.node.size(); ++b) {
     const std::size_t n = std::size_t(constraints.node[b]);
     fixed[pieces.root(model.layout.slot_of_node[n])].push_back({cloud.nodes[n], constraints.fixed[b]});
@@ -120,20 +129,21 @@ void require_held(const SlotModel<Real>& model, const Cloud& cloud, const Constr
 }
 
 template <class Real>
-SlotModel<Real> build_model(const ShapeEvaluator& evaluator, IntegrationPoints& points, const Constraints& constraints, const SolverOptions& options, Solution& solution) {
-  const Cloud& cloud = evaluator.cloud();
+SlotModel<Real> build_model(const Approximation& field, IntegrationPoints& points, const Constraints& constraints, const Springs& springs, const SolverOptions& options, Solution& solution) {
+  const Cloud& cloud = field.cloud();
   Stopwatch watch(solution.seconds);
   SlotModel<Real> model;
   model.layout = make_slot_layout(cloud, 1);
-  model.supports = build_supports(evaluator, model.layout, points);
+  model.supports = build_supports(field, model.layout, points);
   hand_over_dropped_volume(model.supports, points);
   model.points = &points;
   const std::size_t slots = std::size_t(model.layout.num_slots);
   model.position.resize(slots);
   for (std::size_t n = 0; n < cloud.size(); ++n) model.position[std::size_t(model.layout.slot_of_node[n])] = cloud.nodes[n];
   watch.lap("shape functions");
-  require_held(model, cloud, constraints);
-  model.constraints = std::make_unique<ConstraintOperator<Real>>(evaluator, model.layout, constraints);
+  require_held(model, cloud, constraints, springs);
+  if (springs.size() > 0) model.springs = std::make_unique<SpringForces<Real>>(springs, model.layout);
+  model.constraints = std::make_unique<ConstraintOperator<Real>>(field, model.layout, constraints);
 
   // Diagonal of K at rest (two-level) or the fictitious mass sum w (k + 4 mu / 3) / n (plain), and which nodes carry anything.
   std::vector<double> diagonal(3 * slots, 0.0), inside(slots, 0.0);
@@ -152,6 +162,10 @@ SlotModel<Real> build_model(const ShapeEvaluator& evaluator, IntegrationPoints& 
                                                        : volume * (k + 4 * mu / 3) / (e - b);
     }
   }
+  if (model.springs)
+    model.springs->each_diagonal_term([&](std::size_t slot, double k) {
+      for (int c = 0; c < 3; ++c) diagonal[std::size_t(c) * slots + slot] += k;
+    });
   model.active = NodalField<Real>(slots);
   model.inverse_diagonal = NodalField<Real>(slots);
   for (std::size_t s = 0; s < slots; ++s)
@@ -242,7 +256,7 @@ int start_two_level(SlotModel<Real>& model, const SolverOptions& options, int fe
       if (options.progress) options.progress({"start", i, std::nan(""), 0, std::nan("")});
       model.coarse->assemble(model.supports, *model.points, state);
       products += advance_load(model, double(i) / increments, start_residual, state);
-      ratio = model.forces->force(state, f);
+      ratio = model.force(state, double(i) / increments, f);
       ++products;
       if (ratio.smallest < smallest_ratio) break;
     }
@@ -259,9 +273,9 @@ int start_two_level(SlotModel<Real>& model, const SolverOptions& options, int fe
 }
 
 template <class Real>
-Solution solve_with(const ShapeEvaluator& evaluator, IntegrationPoints& points, const Constraints& constraints, const SolverOptions& options) {
+Solution solve_with(const Approximation& field, IntegrationPoints& points, const Constraints& constraints, const Springs& springs, const SolverOptions& options) {
   Solution solution;
-  SlotModel<Real> model = build_model<Real>(evaluator, points, constraints, options, solution);
+  SlotModel<Real> model = build_model<Real>(field, points, constraints, springs, options, solution);
   solution.points = points.size(), solution.stencils = std::size_t(model.supports.num_stencils());
   solution.enlarged_supports = model.supports.enlarged, solution.dropped_points = model.supports.dropped.size();
   Stopwatch watch(solution.seconds);
@@ -291,19 +305,23 @@ Solution solve_with(const ShapeEvaluator& evaluator, IntegrationPoints& points, 
   Vec3d worst{};
   measure_state(model, u, solution, worst);
   NodalField<Real> f(u.slots());
-  model.forces->force(u, f);
+  model.force(u, 1, f);
   const std::vector<Vec3d> reaction = model.constraints->reactions(f);
   for (const std::string& name : constraints.set_names) solution.reactions[name] = {};
+  if (model.springs) {
+    solution.strain_energy += model.springs->energy(u, 1);
+    solution.reactions.merge(model.springs->reactions(u, 1));
+  }
   for (std::size_t b = 0; b < reaction.size(); ++b) solution.reactions[constraints.set_names[std::size_t(constraints.set[b])]] += reaction[b];
   solution.bytes = double(model.forces->bytes()) + 12.0 * 3 * double(u.slots()) * sizeof(Real) + (model.coarse ? double(model.coarse->bytes()) : 0);
 
-  const Cloud& cloud = evaluator.cloud();
+  const Cloud& cloud = field.cloud();
   solution.parameter.resize(cloud.size());
   for (std::size_t n = 0; n < cloud.size(); ++n)
     for (int c = 0; c < 3; ++c) solution.parameter[n][c] = double(u.at(std::size_t(model.layout.slot_of_node[n]), c));
   solution.displacement.resize(cloud.size());
   parallel_for(cloud.size(), [&](std::size_t n) {
-    if (!displacement_at(evaluator, solution.parameter, cloud.nodes[n], solution.displacement[n])) solution.displacement[n] = solution.parameter[n];
+    if (!displacement_at(field, solution.parameter, cloud.nodes[n], solution.displacement[n])) solution.displacement[n] = solution.parameter[n];
   }, 256);
   watch.lap("field at nodes");
   if (solution.inverted_points > 0)
@@ -315,15 +333,16 @@ Solution solve_with(const ShapeEvaluator& evaluator, IntegrationPoints& points, 
 
 }  // namespace
 
-Solution solve(const ShapeEvaluator& evaluator, IntegrationPoints points, const Constraints& constraints, const SolverOptions& options) {
-  require(!constraints.node.empty(), "there are no prescribed displacements: nothing moves the body; give at least one rigid body or constraint");
-  return options.double_precision ? solve_with<double>(evaluator, points, constraints, options)
-                                  : solve_with<float>(evaluator, points, constraints, options);
+Solution solve(const Approximation& field, IntegrationPoints points, const Constraints& constraints, const SolverOptions& options, const Springs& springs) {
+  const bool held_by_springs = std::any_of(springs.set.begin(), springs.set.end(), [](int s) { return s >= 0; });
+  require(!constraints.node.empty() || held_by_springs, "there are no prescribed displacements: nothing moves the body; give at least one rigid body or constraint");
+  return options.double_precision ? solve_with<double>(field, points, constraints, springs, options)
+                                  : solve_with<float>(field, points, constraints, springs, options);
 }
 
-bool displacement_at(const ShapeEvaluator& evaluator, const std::vector<Vec3d>& parameter, const Vec3d& x, Vec3d& u) {
+bool displacement_at(const Approximation& field, const std::vector<Vec3d>& parameter, const Vec3d& x, Vec3d& u) {
   thread_local ShapeFunctions shapes;
-  if (!evaluator.at(x, shapes)) return false;
+  if (!field.at(x, shapes)) return false;
   u = {};
   for (std::size_t i = 0; i < shapes.node.size(); ++i) u += shapes.value[i] * parameter[std::size_t(shapes.node[i])];
   return true;

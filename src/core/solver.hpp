@@ -6,7 +6,8 @@
 #include <vector>
 
 #include "core/cloud.hpp"
-#include "core/shape_evaluator.hpp"
+#include "core/approximation.hpp"
+#include "core/springs.hpp"
 
 namespace mtled {
 
@@ -60,13 +61,14 @@ struct Solution {
   std::vector<HistoryEntry> history;
 };
 
-/// Static equilibrium of the body under prescribed displacements, all else free of load.
+/// Static equilibrium of the body under prescribed displacements and springs, all else free of load.
 /// Input errors: no constraints, too few to hold the body, or no free node; numerical errors: divergence, inverted points
 /// at the end (with position and remedy). Without convergence within max_steps the result says so and holds the state
 /// reached.
-Solution solve(const ShapeEvaluator& evaluator, IntegrationPoints points, const Constraints& constraints, const SolverOptions& options);
+Solution solve(const Approximation& field, IntegrationPoints points, const Constraints& constraints, const SolverOptions& options,
+               const Springs& springs = {});
 
 /// u(x) of a solution [mm]; false where the cloud has no usable support.
-bool displacement_at(const ShapeEvaluator& evaluator, const std::vector<Vec3d>& parameter, const Vec3d& x, Vec3d& u);
+bool displacement_at(const Approximation& field, const std::vector<Vec3d>& parameter, const Vec3d& x, Vec3d& u);
 
 }  // namespace mtled

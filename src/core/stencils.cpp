@@ -15,8 +15,8 @@ constexpr double fraction_steps = 1 << 20;  ///< places in a lattice cell that a
 
 /// All that the shape functions at a place depend on, relative to its lattice cell: the place in the cell, the cell's
 /// phase in the slot layout, which lattice positions around hold nodes, and which corners are prescribed.
-std::string stencil_key(const ShapeEvaluator& evaluator, const Vec3d& x, const std::array<int, 3>& cell, int reach) {
-  const Lattice& l = *evaluator.cloud().lattice;
+std::string stencil_key(const Approximation& field, const Vec3d& x, const std::array<int, 3>& cell, int reach) {
+  const Lattice& l = *field.cloud().lattice;
   std::string key;
   for (int a = 0; a < 3; ++a) {
     const int step = int(std::lround(((x[a] - l.origin[a]) / l.spacing - cell[a]) * fraction_steps));
@@ -35,7 +35,7 @@ std::string stencil_key(const ShapeEvaluator& evaluator, const Vec3d& x, const s
       for (int i = 1 - reach; i <= reach; ++i) push(l.node(cell[0] + i, cell[1] + j, cell[2] + k) >= 0);
   for (int c = 0; c < 8; ++c) {
     const int n = l.node(cell[0] + (c & 1), cell[1] + (c >> 1 & 1), cell[2] + (c >> 2));
-    push(n >= 0 && evaluator.prescribed(n));
+    push(n >= 0 && field.prescribed(n));
   }
   while (used) push(false);
   return key;
@@ -48,11 +48,11 @@ struct Support {
 };
 
 /// Support at x with node slots relative to `base`; empty when there is none.
-Support support_at(const ShapeEvaluator& evaluator, const SlotLayout& layout, const Vec3d& x, int base) {
+Support support_at(const Approximation& field, const SlotLayout& layout, const Vec3d& x, int base) {
   ShapeFunctions shapes;
   Support support;
   int enlargements = 0;
-  if (!evaluator.at(x, shapes, &enlargements)) return support;
+  if (!field.at(x, shapes, &enlargements)) return support;
   support.enlarged = enlargements > 0;
   for (int n : shapes.node) support.offset.push_back(layout.slot_of_node[std::size_t(n)] - base);
   support.gradient = std::move(shapes.gradient);
@@ -99,19 +99,19 @@ SlotLayout make_slot_layout(const Cloud& cloud, int margin) {
   return layout;
 }
 
-SupportTable build_supports(const ShapeEvaluator& evaluator, const SlotLayout& layout, const IntegrationPoints& points) {
+SupportTable build_supports(const Approximation& field, const SlotLayout& layout, const IntegrationPoints& points) {
   SupportTable table;
   const std::size_t n = points.size();
   table.base.assign(n, 0);
   table.stencil.assign(n, -1);
   std::vector<std::uint32_t> representative;  // a point for each stencil
   if (layout.lattice) {
-    const int reach = int(std::ceil(evaluator.options().dilatation));
+    const int reach = field.reach();
     std::vector<std::string> key(n);
     parallel_for(n, [&](std::size_t p) {
-      const auto cell = evaluator.cell_of(points.position[p]);
+      const auto cell = cell_of(*field.cloud().lattice, points.position[p]);
       table.base[p] = layout.lattice_slot(cell[0] + layout.margin, cell[1] + layout.margin, cell[2] + layout.margin);
-      key[p] = stencil_key(evaluator, points.position[p], cell, reach);
+      key[p] = stencil_key(field, points.position[p], cell, reach);
     });
     std::unordered_map<std::string, int> number;
     for (std::size_t p = 0; p < n; ++p) {
@@ -131,7 +131,7 @@ SupportTable build_supports(const ShapeEvaluator& evaluator, const SlotLayout& l
         representative.size() - first,
         [&](std::size_t s) {
           const std::uint32_t p = representative[first + s];
-          supports[first + s] = support_at(evaluator, layout, points.position[p], table.base[p]);
+          supports[first + s] = support_at(field, layout, points.position[p], table.base[p]);
         },
         256);
   };

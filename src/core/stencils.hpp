@@ -3,7 +3,7 @@
 #include <vector>
 
 #include "core/cloud.hpp"
-#include "core/shape_evaluator.hpp"
+#include "core/approximation.hpp"
 
 namespace mtled {
 
@@ -40,6 +40,6 @@ struct SupportTable {
   int num_stencils() const { return int(begin.size()) - 1; }
 };
 /// Multi-threaded; double precision; every distinct stencil is computed once.
-SupportTable build_supports(const ShapeEvaluator& evaluator, const SlotLayout& layout, const IntegrationPoints& points);
+SupportTable build_supports(const Approximation& field, const SlotLayout& layout, const IntegrationPoints& points);
 
 }  // namespace mtled
