@@ -194,7 +194,7 @@ TEST(SampleBody, CutsCoupledCellsIntoEightAndLeavesRigidOnesEmpty) {
   const SampledBody s = ball_with_bones().sample();
   const ShapeEvaluator evaluator(s.cloud, scenes::prescribed_flags(s.cloud, s.constraints), {});
   std::map<std::array<int, 3>, std::vector<std::size_t>> of_cell;
-  for (std::size_t p = 0; p < s.points.size(); ++p) of_cell[evaluator.cell_of(s.points.position[p])].push_back(p);
+  for (std::size_t p = 0; p < s.points.size(); ++p) of_cell[cell_of(*evaluator.cloud().lattice, s.points.position[p])].push_back(p);
   std::vector<int> set(s.cloud.size(), -1);
   for (std::size_t b = 0; b < s.constraints.node.size(); ++b) set[std::size_t(s.constraints.node[b])] = s.constraints.set[b];
   const Lattice& l = *s.cloud.lattice;
