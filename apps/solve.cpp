@@ -14,11 +14,11 @@ struct SolveOptions : CommonOptions {
   std::filesystem::path case_file, output;
 };
 
-std::vector<Vec3d> displacement_at_probes(const Approximation& evaluator, const Solution& solution, const std::vector<Vec3d>& probes) {
+std::vector<Vec3d> displacement_at_probes(const Approximation& field, const Solution& solution, const std::vector<Vec3d>& probes) {
   std::vector<Vec3d> u(probes.size());
   std::size_t outside = 0, first = 0;
   for (std::size_t p = 0; p < probes.size(); ++p)
-    if (!displacement_at(evaluator, solution.parameter, probes[p], u[p]) && outside++ == 0) first = p;
+    if (!displacement_at(field, solution.parameter, probes[p], u[p]) && outside++ == 0) first = p;
   require(outside == 0, outside, " of ", probes.size(), " probes lie outside the body, the first (row ", first, ") at (", probes[first].x, ", ",
           probes[first].y, ", ", probes[first].z, ") mm; remove them");
   return u;
@@ -29,14 +29,13 @@ void run(const SolveOptions& options) {
   SolveCase problem = read_case(options.case_file);
   const OutputDirectory output(options.output, options.force);
   problem.solver.progress = progress_printer(options.quiet);
-  std::vector<std::uint8_t> prescribed(problem.cloud.size(), 0);
-  for (int n : problem.constraints.node) prescribed[std::size_t(n)] = 1;
-  const ShapeEvaluator evaluator(problem.cloud, std::move(prescribed), problem.shapes);
+  const Discretisation discretisation = discretise(problem);
+  const Approximation& field = *discretisation.field;
   for (std::size_t p = 0; p < problem.probes.size(); ++p)
-    require(evaluator.touches(problem.probes[p]), "probe ", p, " at (", problem.probes[p].x, ", ", problem.probes[p].y, ", ", problem.probes[p].z,
+    require(field.touches(problem.probes[p]), "probe ", p, " at (", problem.probes[p].x, ", ", problem.probes[p].y, ", ", problem.probes[p].z,
             ") mm lies outside the body; remove it");
-  const Solution solution = solve(evaluator, problem.points, problem.constraints, problem.solver);
-  if (!problem.probes.empty()) write_displacements(output / "probes.csv", problem.probes, displacement_at_probes(evaluator, solution, problem.probes));
+  const Solution solution = solve(field, problem.points, problem.constraints, problem.solver, discretisation.springs);
+  if (!problem.probes.empty()) write_displacements(output / "probes.csv", problem.probes, displacement_at_probes(field, solution, problem.probes));
   write_nodes(output.path(), problem.cloud, problem.constraints, solution);
   const Json summary = summary_of(solution);
   write_text(output / "summary.json", summary.dump(1) + "\n");

@@ -21,6 +21,8 @@ class Approximation {
   virtual bool touches(const Vec3d& x) const = 0;
   /// On a lattice: how many cells away from that of x a node may be that matters at x.
   virtual int reach() const = 0;
+  /// Whether pressure is averaged at the nodes (core/nodal_pressure.hpp).
+  virtual bool averages_pressure() const { return false; }
 
   const Cloud& cloud() const { return *cloud_; }
   bool prescribed(int node) const { return !prescribed_.empty() && prescribed_[std::size_t(node)]; }

@@ -7,6 +7,7 @@
 #include "core/coarse_space.hpp"
 #include "core/constraint_operator.hpp"
 #include "core/cpu_forces.hpp"
+#include "core/nodal_pressure.hpp"
 #include "core/springs.hpp"
 #include "core/solver.hpp"
 
@@ -24,6 +25,7 @@ struct SlotModel {
   const IntegrationPoints* points = nullptr;
   std::unique_ptr<CpuForces<Real>> forces;
   std::unique_ptr<SpringForces<Real>> springs;  ///< null: none
+  std::unique_ptr<NodalPressure<Real>> nodal_pressure;  ///< null: each point has a pressure of its own
   std::unique_ptr<ConstraintOperator<Real>> constraints;
   std::unique_ptr<CoarseSpace<Real>> coarse;  ///< null: diagonal preconditioner only
   NodalField<Real> coarse_active;
@@ -34,12 +36,14 @@ struct SlotModel {
   VolumeRatioStatistics force(const NodalField<Real>& u, double load, NodalField<Real>& f) const {
     const VolumeRatioStatistics ratio = forces->force(u, f);
     if (springs) springs->add_force(u, load, f);
+    if (nodal_pressure) nodal_pressure->add_force(u, f);
     return ratio;
   }
   /// f = K(u) v [mN]
   void tangent(const NodalField<Real>& u, const NodalField<Real>& v, NodalField<Real>& f) const {
     forces->tangent(u, v, f);
     if (springs) springs->add_tangent(v, f);
+    if (nodal_pressure) nodal_pressure->add_tangent(u, v, f);
   }
 };
 

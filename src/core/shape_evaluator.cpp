@@ -1,8 +1,9 @@
 #include "core/shape_evaluator.hpp"
 
 #include <algorithm>
-#include <nanoflann.hpp>
 #include <numbers>
+
+#include "core/point_tree.hpp"
 
 namespace mtled {
 namespace {
@@ -12,20 +13,12 @@ constexpr int most_enlargements = 8;
 constexpr std::size_t spacing_neighbours = 20;  ///< nodes that define the local spacing of a general cloud
 constexpr double edge_tolerance = 1e-6;         ///< of a spacing: places on the upper face of a cell belong to it
 
-struct PointCloudAdaptor {
-  const std::vector<Vec3d>& points;
-  std::size_t kdtree_get_point_count() const { return points.size(); }
-  double kdtree_get_pt(std::size_t i, std::size_t axis) const { return points[i][int(axis)]; }
-  template <class Box> bool kdtree_get_bbox(Box&) const { return false; }
-};
-
 }  // namespace
 
 /// Finds nodes around a place: by lattice position, or in a k-d tree.
 struct ShapeEvaluator::Neighbours {
-  using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, PointCloudAdaptor>, PointCloudAdaptor, 3, std::uint32_t>;
   explicit Neighbours(const Cloud& c) : cloud(c), adaptor{c.nodes} {
-    if (!c.lattice) tree = std::make_unique<Tree>(3, adaptor, nanoflann::KDTreeSingleIndexAdaptorParams(16));
+    if (!c.lattice) tree = std::make_unique<PointTree>(3, adaptor, nanoflann::KDTreeSingleIndexAdaptorParams(16));
   }
   /// Edge of a cube that one node fills, from the ball that holds the nearest nodes [mm].
   double local_spacing(const Vec3d& x) const {
@@ -69,7 +62,7 @@ struct ShapeEvaluator::Neighbours {
 
   const Cloud& cloud;
   PointCloudAdaptor adaptor;
-  std::unique_ptr<Tree> tree;
+  std::unique_ptr<PointTree> tree;
 };
 
 ShapeEvaluator::ShapeEvaluator(const Cloud& cloud, std::vector<std::uint8_t> prescribed, const MlsOptions& options)

@@ -142,6 +142,7 @@ SlotModel<Real> build_model(const Approximation& field, IntegrationPoints& point
   for (std::size_t n = 0; n < cloud.size(); ++n) model.position[std::size_t(model.layout.slot_of_node[n])] = cloud.nodes[n];
   watch.lap("shape functions");
   require_held(model, cloud, constraints, springs);
+  if (field.averages_pressure()) model.nodal_pressure = std::make_unique<NodalPressure<Real>>(model.supports, points);
   if (springs.size() > 0) model.springs = std::make_unique<SpringForces<Real>>(springs, model.layout);
   model.constraints = std::make_unique<ConstraintOperator<Real>>(field, model.layout, constraints);
 
@@ -308,6 +309,7 @@ Solution solve_with(const Approximation& field, IntegrationPoints& points, const
   model.force(u, 1, f);
   const std::vector<Vec3d> reaction = model.constraints->reactions(f);
   for (const std::string& name : constraints.set_names) solution.reactions[name] = {};
+  if (model.nodal_pressure) solution.strain_energy += model.nodal_pressure->energy(u);
   if (model.springs) {
     solution.strain_energy += model.springs->energy(u, 1);
     solution.reactions.merge(model.springs->reactions(u, 1));

@@ -55,10 +55,12 @@ MaterialDefaults read_material(TomlSection& section) {
   return m;
 }
 
-IntegrationPoints read_integration_points(const std::filesystem::path& path, const MaterialDefaults& defaults) {
+/// `elements`: the points are their centres, a row of the table each; null: the table has columns for place and volume.
+IntegrationPoints read_integration_points(const std::filesystem::path& path, const MaterialDefaults& defaults, const FiniteElements* elements) {
   const Table table = Table::read(path);
   IntegrationPoints points;
-  const int x = table.column("x"), y = table.column("y"), z = table.column("z"), volume = table.column("volume");
+  const auto place_column = [&](const char* name) { return elements ? -1 : table.column(name); };
+  const int x = place_column("x"), y = place_column("y"), z = place_column("z"), volume = place_column("volume");
   const auto optional_column = [&](const char* name) { return table.has(name) ? table.column(name) : -1; };
   const int shear = optional_column("shear_modulus_kpa"), bulk = optional_column("bulk_modulus_kpa"), density = optional_column("density_kg_mm3");
   const auto positive = [&](std::size_t row, int column, const char* name, double otherwise) {
@@ -67,14 +69,30 @@ IntegrationPoints read_integration_points(const std::filesystem::path& path, con
     return v;
   };
   for (std::size_t r = 0; r < table.rows(); ++r) {
-    points.position.push_back({table.number(r, x), table.number(r, y), table.number(r, z)});
-    points.volume.push_back(positive(r, volume, "volume", 0));
+    points.position.push_back(elements ? elements->centres()[r] : Vec3d{table.number(r, x), table.number(r, y), table.number(r, z)});
+    points.volume.push_back(elements ? elements->volumes()[r] : positive(r, volume, "volume", 0));
     points.shear_modulus.push_back(positive(r, shear, "shear_modulus_kpa", defaults.shear_modulus));
     points.bulk_modulus.push_back(positive(r, bulk, "bulk_modulus_kpa", defaults.bulk_modulus));
     points.density.push_back(positive(r, density, "density_kg_mm3", defaults.density));
   }
   require(points.size() > 0, path.string(), " has no integration points");
   return points;
+}
+
+Elements read_elements(const std::filesystem::path& path) {
+  const Table table = Table::read(path);
+  Elements elements;
+  elements.corners = table.has("n4") ? 8 : 4;
+  std::vector<int> column;
+  for (const char* name : {"n0", "n1", "n2", "n3", "n4", "n5", "n6", "n7"})
+    if (int(column.size()) < elements.corners) column.push_back(table.column(name));
+  for (std::size_t r = 0; r < table.rows(); ++r)
+    for (int c : column) {
+      const double n = table.number(r, c);
+      require(n == std::floor(n) && std::abs(n) < std::numeric_limits<int>::max(), table.place(r), ": ", n, " is no node number");
+      elements.node.push_back(int(n));
+    }
+  return elements;
 }
 
 Constraints read_constraints(const std::filesystem::path& path, std::size_t num_nodes) {
@@ -145,9 +163,24 @@ SolveCase read_case(const std::filesystem::path& path) {
   const MaterialDefaults defaults = read_material(material);
   material.finish();
 
-  TomlSection points(root.section("points"), file, "points");
-  result.points = read_integration_points(beside(points.required_text("file")), defaults);
-  points.finish();
+  TomlSection elements(root.section("elements"), file, "elements");
+  if (root.has("elements")) {
+    for (const char* other : {"points", "shape_functions"})
+      require(!root.has(other), file, ": [elements] and [", other, "] exclude each other: finite elements bring their own integration points and shape functions; keep one");
+    const auto element_path = beside(elements.required_text("file"));
+    result.elements = read_elements(element_path);
+    for (const auto& [key, corners] : {std::pair("hourglass", 8), std::pair("nodal_pressure", 4)})
+      require(!elements.has(key) || result.elements.corners == corners, elements.place(key), " is for elements of ", corners, " nodes; remove it");
+    result.hourglass = positive_number(elements, "hourglass", result.hourglass);
+    result.nodal_pressure = elements.value("nodal_pressure", false);
+    elements.finish();
+    const auto mesh = with_context("reading " + element_path.string(), [&] { return std::make_unique<FiniteElements>(result.cloud, result.elements); });
+    result.points = read_integration_points(element_path, defaults, mesh.get());
+  } else {
+    TomlSection points(root.section("points"), file, "points");
+    result.points = read_integration_points(beside(points.required_text("file")), defaults, nullptr);
+    points.finish();
+  }
 
   TomlSection constraints(root.section("constraints"), file, "constraints");
   result.constraints = read_constraints(beside(constraints.required_text("file")), result.cloud.size());
@@ -181,6 +214,18 @@ SolveCase read_case(const std::filesystem::path& path) {
   solver.finish();
   root.finish();
   return result;
+}
+
+Discretisation discretise(const SolveCase& problem) {
+  if (problem.elements.size() == 0) {
+    std::vector<std::uint8_t> prescribed(problem.cloud.size(), 0);
+    for (int n : problem.constraints.node) prescribed[std::size_t(n)] = 1;
+    return {std::make_unique<ShapeEvaluator>(problem.cloud, std::move(prescribed), problem.shapes), {}};
+  }
+  auto elements = std::make_unique<FiniteElements>(problem.cloud, problem.elements, problem.nodal_pressure);
+  Springs springs;
+  if (problem.elements.corners == 8) springs = elements->hourglass_springs(problem.hourglass, problem.points);
+  return {std::move(elements), std::move(springs)};
 }
 
 }  // namespace mtled

@@ -3,6 +3,8 @@
 #include <vector>
 
 #include "core/cloud.hpp"
+#include "core/finite_elements.hpp"
+#include "core/shape_evaluator.hpp"
 #include "core/solver.hpp"
 
 namespace mtled {
@@ -10,12 +12,23 @@ namespace mtled {
 /// A problem for `mtled solve`.
 struct SolveCase {
   Cloud cloud;
-  IntegrationPoints points;
+  IntegrationPoints points;    ///< one per element where there are elements
   Constraints constraints;
   std::vector<Vec3d> probes;   ///< may be empty
-  MlsOptions shapes;
+  MlsOptions shapes;           ///< where there are no elements
+  Elements elements;           ///< may be empty
+  double hourglass = 0.02;     ///< of hexahedra
+  bool nodal_pressure = false; ///< of tetrahedra
   SolverOptions solver;
 };
+
+/// What the case is discretised with: moving least squares or finite elements, and the springs that stabilise them.
+/// Refers to the case.
+struct Discretisation {
+  std::unique_ptr<Approximation> field;
+  Springs springs;
+};
+Discretisation discretise(const SolveCase& problem);
 
 /// Reads case.toml and the tables that it names (format: docs/solve.md). Every fault is an input error with file, row or
 /// key, reason and remedy: unknown key, node that does not exist, node constrained twice with different values, volume or
