@@ -1,8 +1,10 @@
 #include "core/coarse_space.hpp"
 
 #include <Eigen/Dense>
+#include <Eigen/Sparse>
 #include <cmath>
 #include <limits>
+#include <map>
 
 #include "core/error.hpp"
 #include "core/lanes.hpp"
@@ -40,6 +42,7 @@ struct CoarseSpace<Real>::Grid {
   std::vector<Node> nodes;
   std::vector<int> used;        ///< function numbers that touch a node
   std::vector<int> unknown_of;  ///< [functions] position in `used`, or -1
+  Eigen::SparseMatrix<double> springs;  ///< Z^T K Z of the springs; empty without any
   Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> inverse;
 
   int functions(int axis) const { return cells[axis] + 2; }
@@ -106,6 +109,35 @@ int CoarseSpace<Real>::unknowns() const { return 3 * int(grid_->used.size()); }
 template <class Real>
 std::size_t CoarseSpace<Real>::bytes() const {
   return grid_->nodes.size() * sizeof(typename Grid::Node) + std::size_t(unknowns()) * std::size_t(unknowns()) * sizeof(float);
+}
+
+template <class Real>
+void CoarseSpace<Real>::add_springs(const Springs& springs, const SlotLayout& layout) {
+  Grid& g = *grid_;
+  if (g.used.empty()) return;
+  // Rows of sqrt(stiffness) times the springs' stretch per unknown.
+  std::vector<Eigen::Triplet<double>> entries;
+  for (std::size_t r = 0; r < springs.size(); ++r) {
+    if (springs.set[r] < 0) continue;
+    std::map<int, Vec3d> stretch;
+    for (std::size_t e = springs.begin[r]; e < springs.begin[r + 1]; ++e) {
+      const std::size_t slot = std::size_t(layout.slot_of_node[std::size_t(springs.node[e])]);
+      double w[3][3];
+      const int first = g.locate((*g.position)[slot], w, nullptr);
+      for (int k = 0; k < 3; ++k)
+        for (int j = 0; j < 3; ++j)
+          for (int i = 0; i < 3; ++i) {
+            const int unknown = g.unknown_of[std::size_t(g.function(first, i, j, k))];
+            if (unknown < 0) continue;
+            for (int c = 0; c < 3; ++c) stretch[unknown][c] += springs.coefficient[e] * double(g.active->at(slot, c)) * w[0][i] * w[1][j] * w[2][k];
+          }
+    }
+    for (const auto& [unknown, s] : stretch)
+      for (int c = 0; c < 3; ++c) entries.emplace_back(int(3 * r) + c, 3 * unknown + c, std::sqrt(springs.stiffness[r]) * s[c]);
+  }
+  Eigen::SparseMatrix<double> rows(Eigen::Index(3 * springs.size()), unknowns());
+  rows.setFromTriplets(entries.begin(), entries.end());
+  g.springs = rows.transpose() * rows;
 }
 
 namespace {
@@ -212,6 +244,7 @@ void CoarseSpace<Real>::assemble(const SupportTable& supports, const Integration
     }
   }
 
+  if (g.springs.nonZeros() > 0) A += g.springs;
   // Scaled to a unit diagonal; the shift keeps functions that barely touch the body, and a softened state, positive.
   Eigen::VectorXd scale(count);
   const double floor = 1e-9 * A.diagonal().maxCoeff();

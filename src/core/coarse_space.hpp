@@ -5,6 +5,7 @@
 
 #include "core/cloud.hpp"
 #include "core/nodal_field.hpp"
+#include "core/springs.hpp"
 #include "core/stencils.hpp"
 
 namespace mtled {
@@ -21,6 +22,9 @@ class CoarseSpace {
   CoarseSpace(const std::vector<Vec3d>& position, const NodalField<Real>& active, int unknowns, double smallest_spacing);
   ~CoarseSpace();
 
+  /// Makes the stiffness of the springs that belong to a set part of every A assembled from now on. The others stabilise
+  /// modes that no smooth function contains, and are left out.
+  void add_springs(const Springs& springs, const SlotLayout& layout);
   /// Assembles and inverts A at displacement u. The integration points' gradients of Z are those of the moving least
   /// squares interpolation of Z, to first order.
   void assemble(const SupportTable& supports, const IntegrationPoints& points, const NodalField<Real>& u);

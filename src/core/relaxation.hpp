@@ -30,7 +30,7 @@ struct SlotModel {
   std::unique_ptr<CoarseSpace<Real>> coarse;  ///< null: diagonal preconditioner only
   NodalField<Real> coarse_active;
   double largest_increment = 0;       ///< of a step, beyond which the iteration has diverged [mm]
-  double largest_distance = 0;        ///< of a node to the nearest prescribed one, in node spacings
+  double largest_distance = 0;        ///< of a node to the nearest place that is held, in node spacings
 
   /// f = internal force [mN] at displacement u [mm], the springs' at `load` of their targets included.
   VolumeRatioStatistics force(const NodalField<Real>& u, double load, NodalField<Real>& f) const {

@@ -89,6 +89,18 @@ int held_motions(const std::vector<std::pair<Vec3d, std::array<bool, 3>>>& fixed
   return int(basis.size());
 }
 
+/// Where the springs of a set hold the body [mm].
+std::vector<std::pair<std::size_t, Vec3d>> held_places(const Springs& springs, const Cloud& cloud) {
+  std::vector<std::pair<std::size_t, Vec3d>> places;
+  for (std::size_t r = 0; r < springs.size(); ++r) {
+    if (springs.set[r] < 0) continue;
+    Vec3d place{};
+    for (std::size_t e = springs.begin[r]; e < springs.begin[r + 1]; ++e) place += springs.coefficient[e] * cloud.nodes[std::size_t(springs.node[e])];
+    places.push_back({r, place});
+  }
+  return places;
+}
+
 template <class Real>
 void require_held(const SlotModel<Real>& model, const Cloud& cloud, const Constraints& constraints, const Springs& springs) {
   const SupportTable& t = model.supports;
@@ -102,12 +114,8 @@ void require_held(const SlotModel<Real>& model, const Cloud& cloud, const Constr
     for (std::size_t e = springs.begin[r] + 1; e < springs.begin[r + 1]; ++e)
       pieces.join(model.layout.slot_of_node[std::size_t(springs.node[springs.begin[r]])], model.layout.slot_of_node[std::size_t(springs.node[e])]);
   std::map<int, std::vector<std::pair<Vec3d, std::array<bool, 3>>>> fixed;
-  for (std::size_t r = 0; r < springs.size(); ++r) {
-    if (springs.set[r] < 0) continue;
-    Vec3d place{};
-    for (std::size_t e = springs.begin[r]; e < springs.begin[r + 1]; ++e) place += springs.coefficient[e] * cloud.nodes[std::size_t(springs.node[e])];
+  for (const auto& [r, place] : held_places(springs, cloud))
     fixed[pieces.root(model.layout.slot_of_node[std::size_t(springs.node[springs.begin[r]])])].push_back({place, {true, true, true}});
-  }
   for (std::size_t b = 0; b < constraints.node.size(); ++b) {
     const std::size_t n = std::size_t(constraints.node[b]);
     fixed[pieces.root(model.layout.slot_of_node[n])].push_back({cloud.nodes[n], constraints.fixed[b]});
@@ -194,22 +202,26 @@ SlotModel<Real> build_model(const Approximation& field, IntegrationPoints& point
   model.forces = std::make_unique<CpuForces<Real>>(model.supports, model.layout, points);
   watch.lap("model");
   const double spacing = std::cbrt([&] { double v = 0; for (double w : points.volume) v += w; return v; }() / double(cloud.size()));
-  double largest = 0;  // distance to prescribed nodes, by a coarse sweep over the nodes
+  std::vector<Vec3d> held;
+  for (int n : constraints.node) held.push_back(cloud.nodes[std::size_t(n)]);
+  for (const auto& [r, place] : held_places(springs, cloud)) held.push_back(place);
+  double largest = 0;  // distance to what is held, by a coarse sweep over the nodes
   for (std::size_t n = 0; n < cloud.size(); n += std::max<std::size_t>(1, cloud.size() / 2000)) {
     double nearest = 1e300;
-    for (std::size_t b = 0; b < constraints.node.size(); b += std::max<std::size_t>(1, constraints.node.size() / 500))
-      nearest = std::min(nearest, squared_norm(cloud.nodes[n] - cloud.nodes[std::size_t(constraints.node[b])]));
+    for (std::size_t b = 0; b < held.size(); b += std::max<std::size_t>(1, held.size() / 500)) nearest = std::min(nearest, squared_norm(cloud.nodes[n] - held[b]));
     largest = std::max(largest, nearest);
   }
   model.largest_distance = std::sqrt(largest) / spacing;
   double size = 0;
   for (const Vec3d& d : constraints.displacement) size = std::max(size, norm(d));
+  for (const Vec3d& d : springs.target) size = std::max(size, norm(d));
   model.largest_increment = 100 * (size + spacing);
   if (options.relaxation == Relaxation::two_level) {
     model.coarse_active = NodalField<Real>(slots);
     model.coarse_active.copy_from(model.active);
     model.constraints->each_dependent(true, [&](int slot, int c) { model.coarse_active.at(std::size_t(slot), c) = 0; });
     model.coarse = std::make_unique<CoarseSpace<Real>>(model.position, model.coarse_active, options.coarse_unknowns, 5 * spacing);
+    if (springs.size() > 0) model.coarse->add_springs(springs, model.layout);
     solution.coarse_unknowns = std::size_t(model.coarse->unknowns());
   }
   return model;
@@ -312,7 +324,7 @@ Solution solve_with(const Approximation& field, IntegrationPoints& points, const
   if (model.nodal_pressure) solution.strain_energy += model.nodal_pressure->energy(u);
   if (model.springs) {
     solution.strain_energy += model.springs->energy(u, 1);
-    solution.reactions.merge(model.springs->reactions(u, 1));
+    for (const auto& [name, force] : model.springs->reactions(u, 1)) solution.reactions[name] += force;
   }
   for (std::size_t b = 0; b < reaction.size(); ++b) solution.reactions[constraints.set_names[std::size_t(constraints.set[b])]] += reaction[b];
   solution.bytes = double(model.forces->bytes()) + 12.0 * 3 * double(u.slots()) * sizeof(Real) + (model.coarse ? double(model.coarse->bytes()) : 0);
