@@ -147,6 +147,7 @@ SolveCase read_case(const std::filesystem::path& path) {
 
   TomlSection points(root.section("points"), file, "points");
   result.points = read_integration_points(beside(points.required_text("file")), defaults);
+  result.align_points = points.value("align", true);
   points.finish();
 
   TomlSection constraints(root.section("constraints"), file, "constraints");

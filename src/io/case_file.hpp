@@ -11,6 +11,7 @@ namespace mtled {
 struct SolveCase {
   Cloud cloud;
   IntegrationPoints points;
+  bool align_points = true;    ///< with the lattice cells that touch prescribed nodes (core/coupled_integration.hpp)
   Constraints constraints;
   std::vector<Vec3d> probes;   ///< may be empty
   MlsOptions shapes;
