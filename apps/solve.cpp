@@ -1,6 +1,7 @@
 #include <cstdio>
 
 #include "command.hpp"
+#include "core/coupled_integration.hpp"
 #include "core/error.hpp"
 #include "io/case_file.hpp"
 #include "io/output.hpp"
@@ -34,6 +35,8 @@ void run(const SolveOptions& options) {
   for (std::size_t p = 0; p < problem.probes.size(); ++p)
     require(field.touches(problem.probes[p]), "probe ", p, " at (", problem.probes[p].x, ", ", problem.probes[p].y, ", ", problem.probes[p].z,
             ") mm lies outside the body; remove it");
+  if (problem.align_points && problem.elements.size() == 0)
+    problem.points = reduce_volumetric_integration(field, align_with_coupled_cells(field, problem.points));
   const Solution solution = solve(field, problem.points, problem.constraints, problem.solver, discretisation.springs);
   if (!problem.probes.empty()) write_displacements(output / "probes.csv", problem.probes, displacement_at_probes(field, solution, problem.probes));
   write_nodes(output.path(), problem.cloud, problem.constraints, solution);

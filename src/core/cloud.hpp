@@ -37,7 +37,7 @@ struct Cloud {
 struct IntegrationPoints {
   std::vector<Vec3d> position;        ///< [num_points] rest positions [mm]
   std::vector<double> volume;         ///< [num_points] > 0 [mm^3]
-  std::vector<double> shear_modulus;  ///< [num_points] > 0 [kPa]
+  std::vector<double> shear_modulus;  ///< [num_points] >= 0 [kPa]
   std::vector<double> bulk_modulus;   ///< [num_points] > 0 [kPa]
   std::vector<double> density;        ///< [num_points] > 0 [kg/mm^3]
   std::size_t size() const { return position.size(); }

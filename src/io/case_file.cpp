@@ -179,6 +179,7 @@ SolveCase read_case(const std::filesystem::path& path) {
   } else {
     TomlSection points(root.section("points"), file, "points");
     result.points = read_integration_points(beside(points.required_text("file")), defaults, nullptr);
+    result.align_points = points.value("align", true);
     points.finish();
   }
 

@@ -13,6 +13,7 @@ namespace mtled {
 struct SolveCase {
   Cloud cloud;
   IntegrationPoints points;    ///< one per element where there are elements
+  bool align_points = true;    ///< with the lattice cells that touch prescribed nodes (core/coupled_integration.hpp)
   Constraints constraints;
   std::vector<Vec3d> probes;   ///< may be empty
   MlsOptions shapes;           ///< where there are no elements
