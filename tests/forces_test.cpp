@@ -302,9 +302,9 @@ TEST(Kernels, OfAllInstructionSetsAgree) {
     const auto view_of = [](const NodalField<float>& a) { return FieldView<float>{{a.component(0), a.component(1), a.component(2)}}; };
     const MutableFieldView<float> to{{f.component(0), f.component(1), f.component(2)}};
     if (tangent) {
-      kernels.tangent(view, {0, 1, 0, 1}, view_of(u), view_of(v), to);
+      kernels.of[0].tangent(view, {0, 1, 0, 1}, view_of(u), view_of(v), to);
     } else {
-      kernels.force(view, {0, 1, 0, 1}, view_of(u), to);
+      kernels.of[0].force(view, {0, 1, 0, 1}, view_of(u), to);
     }
     std::vector<Vec3d> nodal;
     for (std::size_t s = 0; s < 100; ++s) nodal.push_back({double(f.at(s, 0)), double(f.at(s, 1)), double(f.at(s, 2))});

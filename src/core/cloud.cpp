@@ -65,4 +65,21 @@ Cloud make_cloud(std::vector<Vec3d> nodes, std::optional<Lattice> promise) {
   return cloud;
 }
 
+PronyTerm total(const std::vector<PronyTerm>& prony) {
+  PronyTerm sum{0, 0, 0};
+  for (const PronyTerm& term : prony) sum.alpha += term.alpha, sum.alpha_volumetric += term.alpha_volumetric;
+  return sum;
+}
+
+IntegrationPoints long_term(IntegrationPoints points) {
+  const PronyTerm faded = total(points.prony);
+  for (double& mu : points.shear_modulus) mu *= 1 - faded.alpha;
+  for (double& k : points.bulk_modulus) k *= 1 - faded.alpha_volumetric;
+  const std::size_t count = std::size_t(further_parameters(points.model)), moduli = std::size_t(further_moduli(points.model));
+  for (std::size_t i = 0; i < points.further.size(); ++i)
+    if (i % count < moduli) points.further[i] *= 1 - faded.alpha;
+  points.prony.clear();
+  return points;
+}
+
 }  // namespace mtled

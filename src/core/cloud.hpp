@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "core/material_model.hpp"
 #include "core/moving_least_squares.hpp"
 #include "core/tensor.hpp"
 
@@ -37,11 +38,21 @@ struct Cloud {
 struct IntegrationPoints {
   std::vector<Vec3d> position;        ///< [num_points] rest positions [mm]
   std::vector<double> volume;         ///< [num_points] > 0 [mm^3]
-  std::vector<double> shear_modulus;  ///< [num_points] >= 0 [kPa]
-  std::vector<double> bulk_modulus;   ///< [num_points] > 0 [kPa]
+  std::vector<double> shear_modulus;  ///< [num_points] >= 0 [kPa] at rest; of the matrix between fibres; instantaneous
+  std::vector<double> bulk_modulus;   ///< [num_points] > 0 [kPa] at rest; instantaneous
   std::vector<double> density;        ///< [num_points] > 0 [kg/mm^3]
+  MaterialModel model = MaterialModel::neo_hookean;
+  std::vector<double> further;        ///< [num_points * further_parameters(model)] in the order of the struct in core/material.hpp
+  std::vector<PronyTerm> prony;       ///< of the whole body; empty: elastic
   std::size_t size() const { return position.size(); }
+  bool viscoelastic() const { return !prony.empty(); }
 };
+
+/// Sums of alpha and alpha_volumetric.
+PronyTerm total(const std::vector<PronyTerm>& prony);
+/// The same points with the elastic moduli that are left when all memory has faded: isochoric ones times 1 - sum alpha, the
+/// bulk modulus times 1 - sum alpha_volumetric.
+IntegrationPoints long_term(IntegrationPoints points);
 
 /// Prescribed displacement of nodes.
 struct Constraints {

@@ -8,7 +8,7 @@
 
 #include "core/error.hpp"
 #include "core/lanes.hpp"
-#include "core/material.hpp"
+#include "core/point_material.hpp"
 
 namespace mtled {
 namespace {
@@ -213,14 +213,15 @@ void CoarseSpace<Real>::assemble(const SupportTable& supports, const Integration
             for (int d = 0; d < 3; ++d)
               terms.gradient[c][a][d] = float(all_active ? dz[d] : z * dm[c][d] + dz.x * M[c][0][d] + dz.y * M[c][1][d] + dz.z * M[c][2][d]);
         }
-    const NeoHookean<float> material{float(points.shear_modulus[p]), float(points.bulk_modulus[p])};
     const float volume = float(points.volume[p]);
-    for (int n = 0; n < 9; ++n) {
-      Mat3<float> dF;
-      dF[n / 3][n % 3] = 1;
-      const Mat3<float> dP = material.stress_derivative(F, dF);
-      for (int m = 0; m < 9; ++m) terms.tangent[m][n] = volume * dP[m / 3][m % 3];
-    }
+    with_material<float>(points, p, [&](const auto& material) {
+      for (int n = 0; n < 9; ++n) {
+        Mat3<float> dF;
+        dF[n / 3][n % 3] = 1;
+        const Mat3<float> dP = stress_derivative(material, F, dF);
+        for (int m = 0; m < 9; ++m) terms.tangent[m][n] = volume * dP[m / 3][m % 3];
+      }
+    });
   };
 
   const int count = unknowns();

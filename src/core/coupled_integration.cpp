@@ -9,30 +9,56 @@ namespace {
 
 constexpr double smallest_piece = 1e-6;  ///< of a cube; less is rounding
 
-/// Mean of points, weighted by their volumes.
+/// Mean of points, weighted by their volumes. Further parameters that are no moduli (an exponent, a fibre's direction) are
+/// those of the largest contribution.
 struct PointSum {
-  double volume = 0, shear = 0, bulk = 0, density = 0;
+  static constexpr int most_further = 4;
+  double volume = 0, shear = 0, bulk = 0, density = 0, largest = 0;
+  std::array<double, most_further> further{};
   Vec3d position{};
 
   void add(const IntegrationPoints& points, std::size_t p, double piece, const Vec3d& place) {
     volume += piece, position += piece * place;
     shear += piece * points.shear_modulus[p], bulk += piece * points.bulk_modulus[p], density += piece * points.density[p];
+    const int count = further_parameters(points.model), moduli = further_moduli(points.model);
+    for (int i = 0; i < count; ++i) {
+      const double value = points.further[p * std::size_t(count) + std::size_t(i)];
+      if (i < moduli) further[std::size_t(i)] += piece * value;
+      else if (piece > largest) further[std::size_t(i)] = value;
+    }
+    largest = std::max(largest, piece);
   }
-  void add(const PointSum& other) {
+  void add(const PointSum& other, MaterialModel model) {
     volume += other.volume, position += other.position;
     shear += other.shear, bulk += other.bulk, density += other.density;
+    for (int i = 0; i < further_parameters(model); ++i) {
+      if (i < further_moduli(model)) further[std::size_t(i)] += other.further[std::size_t(i)];
+      else if (other.largest > largest) further[std::size_t(i)] = other.further[std::size_t(i)];
+    }
+    largest = std::max(largest, other.largest);
   }
   void append_to(IntegrationPoints& points) const {
     if (volume <= 0) return;
     points.position.push_back((1 / volume) * position);
     points.volume.push_back(volume);
     points.shear_modulus.push_back(shear / volume), points.bulk_modulus.push_back(bulk / volume), points.density.push_back(density / volume);
+    for (int i = 0; i < further_parameters(points.model); ++i)
+      points.further.push_back(i < further_moduli(points.model) ? further[std::size_t(i)] / volume : further[std::size_t(i)]);
   }
 };
+
+/// No points, of the same material law.
+IntegrationPoints none_like(const IntegrationPoints& points) {
+  IntegrationPoints none;
+  none.model = points.model, none.prony = points.prony;
+  return none;
+}
 
 void append(const IntegrationPoints& from, std::size_t p, IntegrationPoints& to) {
   to.position.push_back(from.position[p]), to.volume.push_back(from.volume[p]);
   to.shear_modulus.push_back(from.shear_modulus[p]), to.bulk_modulus.push_back(from.bulk_modulus[p]), to.density.push_back(from.density[p]);
+  const std::size_t count = std::size_t(further_parameters(from.model));
+  to.further.insert(to.further.end(), from.further.begin() + std::ptrdiff_t(p * count), from.further.begin() + std::ptrdiff_t((p + 1) * count));
 }
 
 enum class Cell { incomplete, free, coupled, rigid };
@@ -78,7 +104,7 @@ IntegrationPoints align_with_coupled_cells(const Approximation& field, const Int
   if (!has_coupled_cells(field)) return points;
   const Lattice& l = *field.cloud().lattice;
   ByCell<Eighths> aligned(l);
-  IntegrationPoints result;
+  IntegrationPoints result = none_like(points);
   for (std::size_t p = 0; p < points.size(); ++p) {
     const std::array<int, 3> own = cell_of(l, points.position[p]);
     const Cell own_kind = kind_of(field, own);
@@ -131,7 +157,7 @@ IntegrationPoints align_with_coupled_cells(const Approximation& field, const Int
     PointSum whole;
     for (const PointSum& part : eighths.part) {
       if (eighths.kind == Cell::coupled) part.append_to(result);
-      whole.add(part);
+      whole.add(part, points.model);
     }
     if (eighths.kind == Cell::rigid) whole.append_to(result);
   }
@@ -152,6 +178,7 @@ IntegrationPoints reduce_volumetric_integration(const Approximation& field, cons
   }
   for (PointSum& sum : volumetric.values()) {
     sum.shear = 0;
+    for (int i = 0; i < further_moduli(points.model); ++i) sum.further[std::size_t(i)] = 0;
     if (sum.bulk > 0) sum.append_to(result);
   }
   return result;

@@ -4,6 +4,7 @@
 #include <numeric>
 
 #include "core/lanes.hpp"
+#include "core/point_material.hpp"
 
 namespace mtled {
 namespace {
@@ -19,6 +20,9 @@ struct CpuForces<Real>::Packs {
   std::vector<Real> gradient;
   std::vector<int> aligned_stencil, aligned_base, gathered_stencil, gathered_base;
   std::vector<Real> aligned_material, gathered_material;
+  MaterialModel model = MaterialModel::neo_hookean;
+  std::vector<PronyTerm> prony;
+  std::vector<Real> aligned_memory, gathered_memory;
   std::vector<PackRange> ranges;
   std::size_t aligned_points = 0;
 
@@ -28,9 +32,15 @@ struct CpuForces<Real>::Packs {
   }
 
   void set_material(std::vector<Real>& material, std::size_t pack, int lane, const IntegrationPoints& points, std::size_t p) {
-    material.resize(std::max(material.size(), 3 * W * (pack + 1)));
-    Real* m = material.data() + 3 * W * pack + lane;
-    m[0] = Real(points.volume[p]), m[W] = Real(points.shear_modulus[p]), m[2 * W] = Real(points.bulk_modulus[p]);
+    const int parameters = 2 + further_parameters(model);
+    const std::size_t size = std::size_t((1 + parameters) * W);
+    const bool is_new = material.size() < size * (pack + 1);
+    if (is_new) material.resize(size * (pack + 1));
+    Real* m = material.data() + size * pack;
+    m[lane] = Real(points.volume[p]);
+    // Idle lanes get the parameters of the first point: an exponent of 0, for one, would not give zero stress but NaN.
+    for (int i = 0; i < parameters; ++i)
+      for (int l = is_new ? 0 : lane; l < (is_new ? W : lane + 1); ++l) m[(1 + i) * W + l] = Real(material_parameter(points, p, i));
   }
 
   void add_aligned(const SupportTable& t, const IntegrationPoints& points, const std::uint32_t* first, const std::uint32_t* last) {
@@ -77,7 +87,15 @@ struct CpuForces<Real>::Packs {
 };
 
 template <class Real>
-CpuForces<Real>::CpuForces(const SupportTable& t, const SlotLayout& layout, const IntegrationPoints& points) : packs_(new Packs) {
+CpuForces<Real>::CpuForces(const SupportTable& t, const SlotLayout& layout, const IntegrationPoints& instantaneous) : packs_(new Packs) {
+  const IntegrationPoints faded = instantaneous.viscoelastic() ? long_term(instantaneous) : IntegrationPoints{};
+  const IntegrationPoints& points = instantaneous.viscoelastic() ? faded : instantaneous;
+  require(points.further.size() == points.size() * std::size_t(further_parameters(points.model)), "every integration point needs all parameters of the material");
+  const PronyTerm sum = total(instantaneous.prony);
+  require(instantaneous.prony.size() <= std::size_t(MemoryView<Real>::most_terms) && sum.alpha < 1 && sum.alpha_volumetric < 1,
+          "a Prony series has at most ", MemoryView<Real>::most_terms, " terms, whose alphas sum to less than 1");
+  packs_->model = points.model;
+  packs_->prony = instantaneous.prony;
   packs_->begin = t.begin;
   packs_->offset = t.offset;
   packs_->gradient.resize(4 * t.gradient.size());
@@ -115,6 +133,8 @@ CpuForces<Real>::CpuForces(const SupportTable& t, const SlotLayout& layout, cons
     packs_->add_range(t, points, order.data() + begin, order.data() + end);
     begin = end, ++range;
   }
+  packs_->aligned_memory.assign(packs_->prony.size() * 6 * packs_->aligned_stencil.size() * LaneTraits<Real>::width, Real(0));
+  packs_->gathered_memory.assign(packs_->prony.size() * 6 * packs_->gathered_stencil.size(), Real(0));
 }
 
 template <class Real>
@@ -137,13 +157,10 @@ void each_range(std::size_t ranges, Body&& body) {
 }  // namespace
 
 template <class Real>
-VolumeRatioStatistics CpuForces<Real>::force(const NodalField<Real>& u, NodalField<Real>& f) const {
-  f.clear();
-  const PackView<Real> packs = packs_->view();
+template <class Kernel>
+VolumeRatioStatistics CpuForces<Real>::over_ranges(Kernel&& kernel) const {
   std::vector<VolumeRatioStatistics> part(packs_->ranges.size());
-  const auto from = view(u);
-  const auto to = view(f);
-  each_range(packs_->ranges.size(), [&](std::size_t r) { part[r] = best_kernels<Real>().force(packs, packs_->ranges[r], from, to); });
+  each_range(packs_->ranges.size(), [&](std::size_t r) { part[r] = kernel(packs_->ranges[r]); });
   VolumeRatioStatistics all;
   for (const auto& s : part) {
     if (!(s.smallest >= all.smallest)) all.smallest = s.smallest;
@@ -153,19 +170,52 @@ VolumeRatioStatistics CpuForces<Real>::force(const NodalField<Real>& u, NodalFie
 }
 
 template <class Real>
+VolumeRatioStatistics CpuForces<Real>::force(const NodalField<Real>& u, NodalField<Real>& f) const {
+  f.clear();
+  const PackView<Real> packs = packs_->view();
+  const auto from = view(u);
+  const auto to = view(f);
+  const auto kernel = best_kernels<Real>().of[int(packs_->model)].force;
+  return over_ranges([&](const PackRange& range) { return kernel(packs, range, from, to); });
+}
+
+template <class Real>
+VolumeRatioStatistics CpuForces<Real>::force_in_time(const NodalField<Real>& u, double time_step, NodalField<Real>& f) {
+  if (!viscoelastic()) return force(u, f);
+  const PronyTerm sum = total(packs_->prony);
+  const double instantaneous[2] = {1 / (1 - sum.alpha), 1 / (1 - sum.alpha_volumetric)};
+  MemoryView<Real> memory{packs_->aligned_memory.data(), packs_->gathered_memory.data(), int(packs_->prony.size()), {Real(instantaneous[0]), Real(instantaneous[1])}, {}, {}};
+  for (std::size_t t = 0; t < packs_->prony.size(); ++t) {
+    const PronyTerm& term = packs_->prony[t];
+    const double share = time_step / (time_step + term.tau);
+    memory.gain[t][0] = Real(term.alpha * share * instantaneous[0]), memory.gain[t][1] = Real(term.alpha_volumetric * share * instantaneous[1]);
+    memory.decay[t] = Real(term.tau / (time_step + term.tau));
+  }
+  f.clear();
+  const PackView<Real> packs = packs_->view();
+  const auto from = view(u);
+  const auto to = view(f);
+  const auto kernel = best_kernels<Real>().of[int(packs_->model)].force_in_time;
+  return over_ranges([&](const PackRange& range) { return kernel(packs, range, from, to, memory); });
+}
+
+template <class Real>
+bool CpuForces<Real>::viscoelastic() const { return !packs_->prony.empty(); }
+
+template <class Real>
 void CpuForces<Real>::tangent(const NodalField<Real>& u, const NodalField<Real>& v, NodalField<Real>& f) const {
   f.clear();
   const PackView<Real> packs = packs_->view();
   const auto at = view(u), along = view(v);
   const auto to = view(f);
-  each_range(packs_->ranges.size(), [&](std::size_t r) { best_kernels<Real>().tangent(packs, packs_->ranges[r], at, along, to); });
+  each_range(packs_->ranges.size(), [&](std::size_t r) { best_kernels<Real>().of[int(packs_->model)].tangent(packs, packs_->ranges[r], at, along, to); });
 }
 
 template <class Real>
 std::size_t CpuForces<Real>::bytes() const {
   const Packs& p = *packs_;
   return sizeof(int) * (p.begin.size() + p.offset.size() + p.aligned_stencil.size() + p.aligned_base.size() + p.gathered_stencil.size() + p.gathered_base.size()) +
-         sizeof(Real) * (p.gradient.size() + p.aligned_material.size() + p.gathered_material.size());
+         sizeof(Real) * (p.gradient.size() + p.aligned_material.size() + p.gathered_material.size() + p.aligned_memory.size() + p.gathered_memory.size());
 }
 template <class Real>
 std::size_t CpuForces<Real>::aligned_points() const { return packs_->aligned_points; }

@@ -17,8 +17,13 @@ class CpuForces {
   CpuForces(const SupportTable& supports, const SlotLayout& layout, const IntegrationPoints& points);
   ~CpuForces();
 
-  /// f = internal force [mN] at displacement u [mm].
+  /// f = internal force [mN] at displacement u [mm]; of a viscoelastic body that of the long-term moduli.
   VolumeRatioStatistics force(const NodalField<Real>& u, NodalField<Real>& f) const;
+  /// f = internal force [mN] after `time_step` [s] >= 0, at whose end the displacement is u: the memory of a viscoelastic body
+  /// goes on by that step (backward Euler, as in NiftySim). It starts at rest, so that the first step of length 0 gives
+  /// the response at once. Without viscoelasticity the same as force().
+  VolumeRatioStatistics force_in_time(const NodalField<Real>& u, double time_step, NodalField<Real>& f);
+  bool viscoelastic() const;
   /// f = K(u) v [mN].
   void tangent(const NodalField<Real>& u, const NodalField<Real>& v, NodalField<Real>& f) const;
 
@@ -27,6 +32,9 @@ class CpuForces {
   std::size_t aligned_packs() const;
 
  private:
+  /// kernel(range number) over all ranges, and their statistics together.
+  template <class Kernel>
+  VolumeRatioStatistics over_ranges(Kernel&& kernel) const;
   struct Packs;
   std::unique_ptr<Packs> packs_;
 };

@@ -52,4 +52,25 @@ inline LaneTraits<double>::Pack inverse_cube_root(const LaneTraits<double>::Pack
 inline LaneTraits<float>::Pack at_least(const LaneTraits<float>::Pack& x, float floor) { return x > floor ? x : floor; }
 inline LaneTraits<double>::Pack at_least(const LaneTraits<double>::Pack& x, float floor) { return x > floor ? x : floor; }
 
+inline LaneTraits<float>::Pack square_root(LaneTraits<float>::Pack x) {
+  for (int lane = 0; lane < LaneTraits<float>::width; ++lane) x[lane] = __builtin_sqrtf(x[lane]);
+  return x;
+}
+inline LaneTraits<double>::Pack square_root(LaneTraits<double>::Pack x) {
+  for (int lane = 0; lane < LaneTraits<double>::width; ++lane) x[lane] = __builtin_sqrt(x[lane]);
+  return x;
+}
+/// x^exponent, lane by lane.
+inline LaneTraits<float>::Pack power(LaneTraits<float>::Pack x, const LaneTraits<float>::Pack& exponent) {
+  for (int lane = 0; lane < LaneTraits<float>::width; ++lane) x[lane] = __builtin_powf(x[lane], exponent[lane]);
+  return x;
+}
+inline LaneTraits<double>::Pack power(LaneTraits<double>::Pack x, const LaneTraits<double>::Pack& exponent) {
+  for (int lane = 0; lane < LaneTraits<double>::width; ++lane) x[lane] = __builtin_pow(x[lane], exponent[lane]);
+  return x;
+}
+/// See core/symmetric_power.hpp.
+inline float near_coincidence(const LaneTraits<float>::Pack&) { return 0.04f; }
+inline float near_coincidence(const LaneTraits<double>::Pack&) { return 7e-4f; }
+
 }  // namespace mtled

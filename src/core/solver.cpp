@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "core/error.hpp"
-#include "core/material.hpp"
+#include "core/point_material.hpp"
 #include "core/relaxation.hpp"
 
 namespace mtled {
@@ -161,14 +161,18 @@ SlotModel<Real> build_model(const Approximation& field, IntegrationPoints& point
     if (t.stencil[p] < 0) continue;
     const int b = t.begin[std::size_t(t.stencil[p])], e = t.begin[std::size_t(t.stencil[p]) + 1];
     const double mu = points.shear_modulus[p], k = points.bulk_modulus[p], volume = points.volume[p];
+    const bool fibres = points.model == MaterialModel::transversely_isotropic;
+    const double eta = fibres ? material_parameter(points, p, 2) : 0;
+    const Vec3d fibre = fibres ? Vec3d{material_parameter(points, p, 3), material_parameter(points, p, 4), material_parameter(points, p, 5)} : Vec3d{};
     for (int s = b; s < e; ++s) {
       const std::size_t slot = std::size_t(t.base[p] + t.offset[std::size_t(s)]);
       const Vec3d& g = t.gradient[std::size_t(s)];
       inside[slot] += volume;
       for (int c = 0; c < 3; ++c)
+        // Fibres add 4 eta (a (x) a - I/3) (x) (a (x) a - I/3) to the tangent at rest, 16/9 eta along a.
         diagonal[std::size_t(c) * slots + slot] += options.relaxation == Relaxation::two_level
-                                                       ? volume * ((k + mu / 3) * g[c] * g[c] + mu * squared_norm(g))
-                                                       : volume * (k + 4 * mu / 3) / (e - b);
+                                                       ? volume * ((k + mu / 3) * g[c] * g[c] + mu * squared_norm(g) + 4 * eta * std::pow(fibre[c] * dot(fibre, g) - g[c] / 3, 2))
+                                                       : volume * (k + 4 * mu / 3 + 16 * eta / 9) / (e - b);
     }
   }
   if (model.springs)
@@ -242,7 +246,7 @@ void measure_state(const SlotModel<Real>& model, const NodalField<Real>& u, Solu
         for (int i = 0; i < 3; ++i)
           for (int k = 0; k < 3; ++k)
             F[i][k] += double(u.at(std::size_t(t.base[p] + t.offset[std::size_t(s)]), i)) * t.gradient[std::size_t(s)][k];
-      energy += points.volume[p] * NeoHookean<double>{points.shear_modulus[p], points.bulk_modulus[p]}.energy(F);
+      energy += points.volume[p] * with_material<double>(points, p, [&](const auto& material) { return material.energy(F); });
       ratio[p] = determinant(F);
     }
     return energy;
@@ -350,6 +354,7 @@ Solution solve_with(const Approximation& field, IntegrationPoints& points, const
 Solution solve(const Approximation& field, IntegrationPoints points, const Constraints& constraints, const SolverOptions& options, const Springs& springs) {
   const bool held_by_springs = std::any_of(springs.set.begin(), springs.set.end(), [](int s) { return s >= 0; });
   require(!constraints.node.empty() || held_by_springs, "there are no prescribed displacements: nothing moves the body; give at least one rigid body or constraint");
+  points = long_term(std::move(points));
   return options.double_precision ? solve_with<double>(field, points, constraints, springs, options)
                                   : solve_with<float>(field, points, constraints, springs, options);
 }

@@ -61,7 +61,8 @@ struct Solution {
   std::vector<HistoryEntry> history;
 };
 
-/// Static equilibrium of the body under prescribed displacements and springs, all else free of load.
+/// Static equilibrium of the body under prescribed displacements and springs, all else free of load; of a viscoelastic body
+/// with its long-term moduli.
 /// Input errors: no constraints, too few to hold the body, or no free node; numerical errors: divergence, inverted points
 /// at the end (with position and remedy). Without convergence within max_steps the result says so and holds the state
 /// reached.
