@@ -28,6 +28,7 @@ void run(const SolveOptions& options) {
   const auto limit = start(options);
   SolveCase problem = read_case(options.case_file);
   const OutputDirectory output(options.output, options.force);
+  mark_body_cells(problem.cloud, problem.points);
   problem.solver.progress = progress_printer(options.quiet);
   std::vector<std::uint8_t> prescribed(problem.cloud.size(), 0);
   for (int n : problem.constraints.node) prescribed[std::size_t(n)] = 1;

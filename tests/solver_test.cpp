@@ -487,6 +487,25 @@ TEST_P(SolverErrors, ABodyTurnedInsideOut) {
   EXPECT_NE(error(scene, Failure::numerical), "");
 }
 
+TEST(Solver, BlocksOnBothSidesOfASlitMoveApartFreely) {
+  // One layer of cells is empty. The upper block is moved by its top: that takes no energy, unless the slit is bridged.
+  const Box box{{5, 5, 9}, h};
+  const auto kept = [](const std::array<int, 3>& c) { return c[2] != 4; };
+  Scene scene;
+  scene.cloud = scenes::on_lattice(scenes::cell_corners(box, kept), h);
+  scene.points = scenes::box_points(box, scenes::uniform(1), 0.49, scenes::usual_ratio, [&](const std::array<int, 3>& c) { return kept(c) ? scenes::CellKind::free : scenes::CellKind::absent; });
+  const Vec3d away{2, 0, 5};
+  scenes::prescribe(scene.cloud, scene.constraints, "bottom", scenes::below(2, 0), scenes::nowhere);
+  scenes::prescribe(scene.cloud, scene.constraints, "top", scenes::above(2, 9 * h), [&](const Vec3d&) { return away; });
+  const double bridged = scene.solve(tight()).strain_energy;
+  mark_body_cells(scene.cloud, scene.points);
+  const Solution s = scene.solve(tight());
+  EXPECT_LT(largest_difference(s.displacement, exact(scene, [&](const Vec3d& x) { return x.z < 4.5 * h ? Vec3d{} : away; })), tight().tolerance_mm);
+  EXPECT_LT(s.strain_energy, 1e-6 * bridged);
+  const double solid_bar = 3 * 25 * h * h * 25 / (2 * 9 * h);  // Young's modulus * area * stretch^2 / (2 length) [mN mm]
+  EXPECT_GT(bridged, 0.5 * solid_bar) << "without knowledge of the cells the slit is as good as solid";
+}
+
 TEST(Solver, NoConvergenceIsNotCalledConvergence) {
   SolverOptions options = usual();
   options.max_steps = 50;

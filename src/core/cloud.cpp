@@ -1,6 +1,7 @@
 #include "core/cloud.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <numeric>
 #include <tuple>
@@ -11,6 +12,10 @@ namespace mtled {
 namespace {
 
 constexpr double lattice_tolerance = 1e-4;  ///< of the spacing: rounding of coordinates in a text file
+/// A point stands for a piece of unknown shape: taken as a cube, of this part of the edge that its volume suggests. A thin
+/// slice (a background cell cut by a surface) then fills at most 0.05 of the cell beyond the surface.
+constexpr double cube_edge = 0.75;
+constexpr double smallest_body_share = 0.1;  ///< of a lattice cell; cells of the nodes just outside the body have as much
 
 /// Numbers the lattice positions from the lowest node on, so that the table covers just the nodes.
 void index_nodes(Cloud& cloud) {
@@ -63,6 +68,34 @@ Cloud make_cloud(std::vector<Vec3d> nodes, std::optional<Lattice> promise) {
   if (cloud.lattice) index_nodes(cloud);
   else require_distinct(cloud.nodes);
   return cloud;
+}
+
+void mark_body_cells(Cloud& cloud, const IntegrationPoints& points) {
+  if (!cloud.lattice) return;
+  Lattice& l = *cloud.lattice;
+  std::vector<double> share(l.node_at.size(), 0.0);
+  for (std::size_t p = 0; p < points.size(); ++p) {
+    const double half = cube_edge * std::cbrt(points.volume[p]) / (2 * l.spacing);
+    const Vec3d c = (1 / l.spacing) * (points.position[p] - l.origin);
+    int first[3], last[3];
+    for (int a = 0; a < 3; ++a) {
+      first[a] = std::max(0, int(std::floor(c[a] - half))), last[a] = std::min(l.size[std::size_t(a)] - 1, int(std::floor(c[a] + half)));
+    }
+    for (int k = first[2]; k <= last[2]; ++k)
+      for (int j = first[1]; j <= last[1]; ++j)
+        for (int i = first[0]; i <= last[0]; ++i) {
+          const int cell[3] = {i, j, k};
+          double overlap = 1 / (cube_edge * cube_edge * cube_edge);
+          bool here = true;  // a point on a face, edge or corner is in all cells there: it is the centroid of what they hold
+          for (int a = 0; a < 3; ++a) {
+            overlap *= std::max(0.0, std::min(cell[a] + 1.0, c[a] + half) - std::max(double(cell[a]), c[a] - half));
+            here = here && c[a] > cell[a] - lattice_tolerance && c[a] < cell[a] + 1 + lattice_tolerance;
+          }
+          share[l.offset(i, j, k)] += here ? std::max(overlap, smallest_body_share) : overlap;
+        }
+  }
+  l.body_cell.resize(share.size());
+  for (std::size_t n = 0; n < share.size(); ++n) l.body_cell[n] = share[n] >= smallest_body_share;
 }
 
 }  // namespace mtled
