@@ -12,10 +12,8 @@ namespace mtled {
 namespace {
 
 constexpr double lattice_tolerance = 1e-4;  ///< of the spacing: rounding of coordinates in a text file
-/// A point stands for a piece of unknown shape: taken as a cube, of this part of the edge that its volume suggests. A thin
-/// slice (a background cell cut by a surface) then fills at most 0.05 of the cell beyond the surface.
-constexpr double cube_edge = 0.75;
 constexpr double smallest_body_share = 0.1;  ///< of a lattice cell; cells of the nodes just outside the body have as much
+constexpr double cube_margin = 0.9;          ///< what inexact volumes and centroids may add to the edge of a point's cube
 
 /// Numbers the lattice positions from the lowest node on, so that the table covers just the nodes.
 void index_nodes(Cloud& cloud) {
@@ -74,8 +72,11 @@ void mark_body_cells(Cloud& cloud, const IntegrationPoints& points) {
   if (!cloud.lattice) return;
   Lattice& l = *cloud.lattice;
   std::vector<double> share(l.node_at.size(), 0.0);
+  // A point stands for a piece of a background cell, of unknown shape. If a surface cut the cell, the piece is as thick as its
+  // part of the cell: a cube of that edge around the centroid does not reach past the surface.
+  const double whole = std::cbrt(*std::max_element(points.volume.begin(), points.volume.end()));
   for (std::size_t p = 0; p < points.size(); ++p) {
-    const double half = cube_edge * std::cbrt(points.volume[p]) / (2 * l.spacing);
+    const double volume = points.volume[p] / std::pow(l.spacing, 3), half = cube_margin * points.volume[p] / (whole * whole) / (2 * l.spacing);
     const Vec3d c = (1 / l.spacing) * (points.position[p] - l.origin);
     int first[3], last[3];
     for (int a = 0; a < 3; ++a) {
@@ -85,7 +86,7 @@ void mark_body_cells(Cloud& cloud, const IntegrationPoints& points) {
       for (int j = first[1]; j <= last[1]; ++j)
         for (int i = first[0]; i <= last[0]; ++i) {
           const int cell[3] = {i, j, k};
-          double overlap = 1 / (cube_edge * cube_edge * cube_edge);
+          double overlap = volume / (8 * half * half * half);
           bool here = true;  // a point on a face, edge or corner is in all cells there: it is the centroid of what they hold
           for (int a = 0; a < 3; ++a) {
             overlap *= std::max(0.0, std::min(cell[a] + 1.0, c[a] + half) - std::max(double(cell[a]), c[a] - half));

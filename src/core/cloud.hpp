@@ -59,7 +59,7 @@ struct Constraints {
 /// with the first row that breaks it, or when two nodes share a place).
 Cloud make_cloud(std::vector<Vec3d> nodes, std::optional<Lattice> promise);
 
-/// On a lattice: marks the cells that hold body, so that no support reaches across a gap. These are the cells with a point, and those of which points fill a tenth, each point being a cube. No effect on other clouds.
+/// On a lattice: marks the cells that hold body, so that no support reaches across a gap. These are the cells with a point, and those of which points fill a tenth, each point standing for a cube. No effect on other clouds.
 void mark_body_cells(Cloud& cloud, const IntegrationPoints& points);
 
 }  // namespace mtled
