@@ -3,6 +3,7 @@
 #include "command.hpp"
 #include "core/coupled_integration.hpp"
 #include "core/error.hpp"
+#include "core/stabilisation.hpp"
 #include "io/case_file.hpp"
 #include "io/output.hpp"
 #include "io/solution_output.hpp"
@@ -25,10 +26,25 @@ std::vector<Vec3d> displacement_at_probes(const Approximation& field, const Solu
   return u;
 }
 
+void warn_of_few_points(const SolveCase& problem, const Solution& solution) {
+  std::size_t few = 0, worst = 0;
+  for (std::size_t n = 0; n < problem.cloud.size(); ++n) {
+    const double here = solution.points_per_node[n];
+    if (here == 0 || here >= enough_points_per_node) continue;
+    if (few++ == 0 || here < solution.points_per_node[worst]) worst = n;
+  }
+  if (few == 0) return;
+  const Vec3d& x = problem.cloud.nodes[worst];
+  warn(concatenate(few, " of ", problem.cloud.size(), " nodes have fewer than ", enough_points_per_node, " integration points per node around them (fewest: ",
+                   solution.points_per_node[worst], ", at (", x.x, ", ", x.y, ", ", x.z, ") mm): the displacement may be too large and rough there; ",
+                   problem.solver.stabilisation > 0 ? "solver.stabilisation is on and helps, more points are better" : "use about two points per node, or set solver.stabilisation = 2"));
+}
+
 void run(const SolveOptions& options) {
   const auto limit = start(options);
   SolveCase problem = read_case(options.case_file);
   const OutputDirectory output(options.output, options.force);
+  mark_body_cells(problem.cloud, problem.points);
   problem.solver.progress = progress_printer(options.quiet);
   const Discretisation discretisation = discretise(problem);
   const Approximation& field = *discretisation.field;
@@ -41,6 +57,7 @@ void run(const SolveOptions& options) {
   if (!problem.probes.empty()) write_displacements(output / "probes.csv", problem.probes, displacement_at_probes(field, solution, problem.probes));
   write_nodes(output.path(), problem.cloud, problem.constraints, solution);
   const Json summary = summary_of(solution);
+  warn_of_few_points(problem, solution);
   write_text(output / "summary.json", summary.dump(1) + "\n");
   std::printf("%s after %d steps (%d force evaluations), estimated error %.3g mm, strain energy %.6g mN mm, %.3g s\n",
               solution.converged ? "converged" : "NOT CONVERGED", solution.steps, solution.force_evaluations, solution.error_estimate_mm,

@@ -266,16 +266,20 @@ TEST(MakeCloud, RefusesABrokenPromise) {
 }
 
 class Supports : public testing::TestWithParam<const char*> {};
-INSTANTIATE_TEST_SUITE_P(Clouds, Supports, testing::Values("lattice", "coupled", "cut", "jittered"), [](const auto& cloud) { return std::string(cloud.param); });
+INSTANTIATE_TEST_SUITE_P(Clouds, Supports, testing::Values("lattice", "coupled", "cut", "jittered", "slit"), [](const auto& cloud) { return std::string(cloud.param); });
 
 TEST_P(Supports, AreTheShapeFunctionsOfTheirPoints) {
   const std::string kind = GetParam();
   const Box body{{8, 8, 9}, h};
   const auto in_ball = [&](const std::array<int, 3>& c) { return squared_norm(Vec3d{c[0] - 3.5, c[1] - 3.5, c[2] - 4.0}) < 15; };
-  const Cloud cloud = kind == "cut" ? scenes::on_lattice(scenes::cell_corners(body, in_ball), h)
+  const auto beside_slit = [](const std::array<int, 3>& c) { return c[2] != 4 || c[0] < 3; };
+  IntegrationPoints points = scenes::box_points(body, scenes::uniform(1), 0.49, scenes::usual_ratio, [&](const std::array<int, 3>& c) {
+    return kind == "slit" && !beside_slit(c) ? scenes::CellKind::absent : scenes::CellKind::free;
+  });
+  Cloud cloud = kind == "cut" ? scenes::on_lattice(scenes::cell_corners(body, in_ball), h)
                       : kind == "jittered" ? scenes::jittered_box(body) : scenes::lattice_box(body);
+  if (kind == "slit") mark_body_cells(cloud, points);
   const ShapeEvaluator evaluator(cloud, kind == "coupled" ? some_prescribed(cloud) : std::vector<std::uint8_t>{}, {});
-  IntegrationPoints points = scenes::box_points(body, scenes::uniform(1));
   const SlotLayout layout = make_slot_layout(cloud, 1);
   const SupportTable table = build_supports(evaluator, layout, points);
   std::vector<int> node_of_slot(std::size_t(layout.num_slots), -1);
@@ -315,6 +319,55 @@ TEST_P(Supports, AreTheShapeFunctionsOfTheirPoints) {
   } else {
     EXPECT_LT(table.num_stencils(), int(points.size()));
   }
+}
+
+/// A box with an empty layer of cells, k = 3, except where i < 2.
+const Box slit_box{{8, 4, 7}, h};
+bool beside_slit(const std::array<int, 3>& c) { return c[2] != 3 || c[0] < 2; }
+IntegrationPoints slit_points() {
+  return scenes::box_points(slit_box, scenes::uniform(1), 0.49, scenes::usual_ratio,
+                            [](const std::array<int, 3>& c) { return beside_slit(c) ? scenes::CellKind::free : scenes::CellKind::absent; });
+}
+
+TEST(Gaps, CellsWithBodyAreFound) {
+  Cloud cloud = scenes::on_lattice(scenes::cell_corners(slit_box, beside_slit), h);
+  mark_body_cells(cloud, slit_points());
+  for (int k = 0; k < 7; ++k)
+    for (int j = 0; j < 4; ++j)
+      for (int i = 0; i < 8; ++i) EXPECT_EQ(cloud.lattice->holds_body(i, j, k), beside_slit({i, j, k})) << i << ' ' << j << ' ' << k;
+  EXPECT_FALSE(cloud.lattice->holds_body(-1, 0, 0));
+  EXPECT_FALSE(cloud.lattice->holds_body(8, 0, 0));
+}
+
+TEST(Gaps, NoSupportCrossesASlitButOneReachesAroundItsEnd) {
+  Cloud cloud = scenes::on_lattice(scenes::cell_corners(slit_box, beside_slit), h);
+  const Vec3d deep_below{6.3 * h, 2.4 * h, 2.9 * h}, at_the_end{1.6 * h, 2.4 * h, 2.9 * h};
+  const auto highest = [&](const Vec3d& x) {
+    ShapeFunctions s;
+    EXPECT_TRUE(ShapeEvaluator(cloud, {}, {}).at(x, s));
+    double z = 0;
+    for (int n : s.node) z = std::max(z, cloud.nodes[std::size_t(n)].z);
+    return z / h;
+  };
+  EXPECT_EQ(highest(deep_below), 4) << "without knowledge of the cells";
+  mark_body_cells(cloud, slit_points());
+  EXPECT_EQ(highest(deep_below), 3);
+  EXPECT_EQ(highest(at_the_end), 4);
+  EXPECT_EQ(highest({6.3 * h, 2.4 * h, 3 * h}), 3) << "a place on the slit's face belongs to the body";
+  expect_linear_reproduction(ShapeEvaluator(cloud, {}, {}), deep_below);
+}
+
+TEST(Gaps, ABodyWithoutGapsKeepsItsShapeFunctions) {
+  const Cloud plain = scenes::lattice_box(box);
+  Cloud marked = plain;
+  mark_body_cells(marked, scenes::box_points(box, scenes::uniform(1)));
+  for (const MlsOptions& options : {MlsOptions{Basis::linear, 1.75}, MlsOptions{Basis::quadratic, 2.5}})
+    for (const Vec3d& x : places_inside(50)) {
+      ShapeFunctions a, b;
+      ASSERT_TRUE(ShapeEvaluator(plain, {}, options).at(x, a) && ShapeEvaluator(marked, {}, options).at(x, b));
+      EXPECT_EQ(a.node, b.node);
+      EXPECT_EQ(a.gradient, b.gradient);
+    }
 }
 
 TEST(Stencils, RepeatInsideALattice) {

@@ -194,7 +194,7 @@ TEST_F(Solve, CasesThatMakeNoSense) {
   refused(input, {"solver.tolerance", "not a known setting", "tolerance_mm"});
   write_case("[mesh]\nfile = \"x\"\n");
   refused(input, {"mesh", "not a known setting"});
-  for (const char* setting : {"tolerance_mm = 0.0", "tolerance_mm = nan", "tolerance_mm = inf", "max_steps = 0", "max_steps = -5", "max_steps = 99999999999", "load_steps = -1", "coarse_unknowns = 0", "relaxation = \"fast\"", "precision = \"half\"",
+  for (const char* setting : {"tolerance_mm = 0.0", "tolerance_mm = nan", "tolerance_mm = inf", "max_steps = 0", "max_steps = -5", "max_steps = 99999999999", "load_steps = -1", "stabilisation = -1.0", "stabilisation = inf", "coarse_unknowns = 0", "relaxation = \"fast\"", "precision = \"half\"",
                               "tolerance_mm = \"small\""}) {
     write_case(std::string("[solver]\n") + setting + "\n");
     const std::string text = setting;

@@ -9,6 +9,7 @@
 
 #include "core/motion.hpp"
 #include "core/parallel.hpp"
+#include "core/stabilisation.hpp"
 #include "scenes.hpp"
 
 namespace mtled {
@@ -485,6 +486,90 @@ TEST_P(SolverErrors, PointsFarFromAllNodes) {
 TEST_P(SolverErrors, ABodyTurnedInsideOut) {
   const Scene scene = clamped_cube(-110);  // the top goes through the bottom
   EXPECT_NE(error(scene, Failure::numerical), "");
+}
+
+TEST(Solver, BlocksOnBothSidesOfASlitMoveApartFreely) {
+  // One layer of cells is empty. The upper block is moved by its top: that takes no energy, unless the slit is bridged.
+  const Box box{{5, 5, 9}, h};
+  const auto kept = [](const std::array<int, 3>& c) { return c[2] != 4; };
+  Scene scene;
+  scene.cloud = scenes::on_lattice(scenes::cell_corners(box, kept), h);
+  scene.points = scenes::box_points(box, scenes::uniform(1), 0.49, scenes::usual_ratio, [&](const std::array<int, 3>& c) { return kept(c) ? scenes::CellKind::free : scenes::CellKind::absent; });
+  const Vec3d away{2, 0, 5};
+  scenes::prescribe(scene.cloud, scene.constraints, "bottom", scenes::below(2, 0), scenes::nowhere);
+  scenes::prescribe(scene.cloud, scene.constraints, "top", scenes::above(2, 9 * h), [&](const Vec3d&) { return away; });
+  const double bridged = scene.solve(tight()).strain_energy;
+  mark_body_cells(scene.cloud, scene.points);
+  const Solution s = scene.solve(tight());
+  EXPECT_LT(largest_difference(s.displacement, exact(scene, [&](const Vec3d& x) { return x.z < 4.5 * h ? Vec3d{} : away; })), tight().tolerance_mm);
+  EXPECT_LT(s.strain_energy, 1e-6 * bridged);
+  const double solid_bar = 3 * 25 * h * h * 25 / (2 * 9 * h);  // Young's modulus * area * stretch^2 / (2 length) [mN mm]
+  EXPECT_GT(bridged, 0.5 * solid_bar) << "without knowledge of the cells the slit is as good as solid";
+}
+
+constexpr std::array<double, 3> too_few{1.3, 1.3, 1.4};  ///< integration cells in node spacings: 0.42 points per node
+
+/// A clamped cube of irregular nodes with few integration points; `points`: another set of integration cells.
+Scene sparse_cube(const std::array<double, 3>& cells) {
+  Scene scene = clamped_cube(-10, true);
+  scene.points = scenes::box_points({{8, 8, 9}, h}, scenes::uniform(1), 0.49, cells);
+  return scene;
+}
+
+TEST(Stabilisation, PointsPerNodeAreThoseOfTheCells) {
+  for (const double edge : {1.0, 1.25, 0.5}) {
+    const Box box{{10, 10, 10}, h};
+    Scene scene;
+    scene.cloud = scenes::lattice_box(box);
+    scene.points = scenes::box_points(box, scenes::uniform(1), 0.49, {edge, edge, edge});
+    const SlotLayout layout = make_slot_layout(scene.cloud, 1);
+    const std::vector<double> per_node = points_per_node(build_supports(scene.evaluator(), layout, scene.points), layout, scene.points);
+    const double wanted = 1 / (edge * edge * edge);
+    for (std::size_t n = 0; n < per_node.size(); ++n) EXPECT_NEAR(per_node[n], wanted, 0.25 * wanted) << edge << ", node " << n;  // volumes of nodes vary by where the points lie
+  }
+}
+
+TEST(Stabilisation, FewPointsAreNoticedAndEnoughAreNot) {
+  const auto few = [](const Solution& s) { return std::count_if(s.points_per_node.begin(), s.points_per_node.end(), [](double n) { return n < enough_points_per_node; }); };
+  SolverOptions quick = usual();
+  quick.max_steps = 1;
+  EXPECT_EQ(few(clamped_cube().solve(quick)), 0);
+  EXPECT_EQ(few(clamped_cube(-10, true).solve(quick)), 0);
+  EXPECT_GT(few(sparse_cube(too_few).solve(quick)), 700) << "of 810; the last cells along an axis are cut, and small";
+}
+
+TEST(Stabilisation, CuresWhatTooFewPointsDoNotSee) {
+  SolverOptions plain = usual(), cured = usual();
+  cured.stabilisation = 2;
+  const std::vector<Vec3d> truth = clamped_cube(-10, true).solve(plain).displacement;
+  const double without = root_mean_square(sparse_cube(too_few).solve(plain).displacement, truth), with = root_mean_square(sparse_cube(too_few).solve(cured).displacement, truth);
+  EXPECT_GT(without, 4) << "visibly wrong: nearly half of the motion of 10.4 mm";
+  EXPECT_LT(with, 0.8);
+  const double once = root_mean_square(sparse_cube({1, 1, 1}).solve(plain).displacement, truth), once_with = root_mean_square(sparse_cube({1, 1, 1}).solve(cured).displacement, truth);
+  EXPECT_LT(once_with, 0.6 * once) << "one point per node";
+  std::printf("[          ] rms %.3f -> %.3f mm at 0.42 points per node, %.3f -> %.3f mm at 1\n", without, with, once, once_with);
+}
+
+TEST(Stabilisation, LeavesLinearFieldsFreeAndHoldsOscillatingOnes) {
+  const Scene scene = sparse_cube(too_few);
+  const ShapeEvaluator field = scene.evaluator();
+  const SlotLayout layout = make_slot_layout(scene.cloud, 1);
+  const SupportTable supports = build_supports(field, layout, scene.points);
+  Springs springs;
+  add_stabilisation(field, supports, layout, scene.points, points_per_node(supports, layout, scene.points), 2, springs);
+  EXPECT_GT(springs.size(), 700u);
+  const auto largest_stretch = [&](const auto& displacement) {
+    double largest = 0;
+    for (std::size_t r = 0; r < springs.size(); ++r) {
+      double q = 0;
+      for (std::size_t e = springs.begin[r]; e < springs.begin[r + 1]; ++e) q += springs.coefficient[e] * displacement(springs.node[e]);
+      largest = std::max(largest, std::abs(q));
+    }
+    return largest;
+  };
+  const auto linear = [&](int n) { const Vec3d& x = scene.cloud.nodes[std::size_t(n)]; return 3 + 0.3 * x.x - 0.2 * x.y + x.z; };
+  EXPECT_LT(largest_stretch(linear), 1e-10 * 100) << "[mm]: rounding of displacements up to 100 mm";
+  EXPECT_GT(largest_stretch([](int n) { return n % 2 ? 1 : -1; }), 1);
 }
 
 TEST(Solver, NoConvergenceIsNotCalledConvergence) {

@@ -33,7 +33,8 @@ class Approximation {
   std::vector<std::uint8_t> prescribed_;
 };
 
-/// Lattice position of the cell that holds x; on a face, edge or corner: one of those that have all their nodes.
+/// Lattice position of the cell that holds x; on a face, edge or corner: one that has all its nodes and holds body, else one
+/// that has all its nodes.
 std::array<int, 3> cell_of(const Lattice& lattice, const Vec3d& x);
 
 }  // namespace mtled

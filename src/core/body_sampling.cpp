@@ -116,6 +116,8 @@ Cloud place_nodes(Lattice lattice, const std::vector<float>& part, const std::ve
     each_cell_corner(lattice, i, j, k, [&](std::size_t n) { rigid = rigid || (before[n] && label[n]); });
     if (rigid) each_cell_corner(lattice, i, j, k, [&](std::size_t n) { is_node[n] = 1; });
   });
+  lattice.body_cell.resize(part.size());
+  for (std::size_t c = 0; c < part.size(); ++c) lattice.body_cell[c] = part[c] > 0;
   Cloud cloud;
   for (int k = 0; k < lattice.size[2]; ++k)
     for (int j = 0; j < lattice.size[1]; ++j)

@@ -1,6 +1,7 @@
 #include "core/cloud.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <numeric>
 #include <tuple>
@@ -11,6 +12,8 @@ namespace mtled {
 namespace {
 
 constexpr double lattice_tolerance = 1e-4;  ///< of the spacing: rounding of coordinates in a text file
+constexpr double smallest_body_share = 0.1;  ///< of a lattice cell; cells of the nodes just outside the body have as much
+constexpr double cube_margin = 0.9;          ///< what inexact volumes and centroids may add to the edge of a point's cube
 
 /// Numbers the lattice positions from the lowest node on, so that the table covers just the nodes.
 void index_nodes(Cloud& cloud) {
@@ -80,6 +83,37 @@ IntegrationPoints long_term(IntegrationPoints points) {
     if (i % count < moduli) points.further[i] *= 1 - faded.alpha;
   points.prony.clear();
   return points;
+}
+
+void mark_body_cells(Cloud& cloud, const IntegrationPoints& points) {
+  if (!cloud.lattice) return;
+  Lattice& l = *cloud.lattice;
+  std::vector<double> share(l.node_at.size(), 0.0);
+  // A point stands for a piece of a background cell, of unknown shape. If a surface cut the cell, the piece is as thick as its
+  // part of the cell: a cube of that edge around the centroid does not reach past the surface.
+  const double whole = std::cbrt(*std::max_element(points.volume.begin(), points.volume.end()));
+  for (std::size_t p = 0; p < points.size(); ++p) {
+    const double volume = points.volume[p] / std::pow(l.spacing, 3), half = cube_margin * points.volume[p] / (whole * whole) / (2 * l.spacing);
+    const Vec3d c = (1 / l.spacing) * (points.position[p] - l.origin);
+    int first[3], last[3];
+    for (int a = 0; a < 3; ++a) {
+      first[a] = std::max(0, int(std::floor(c[a] - half))), last[a] = std::min(l.size[std::size_t(a)] - 1, int(std::floor(c[a] + half)));
+    }
+    for (int k = first[2]; k <= last[2]; ++k)
+      for (int j = first[1]; j <= last[1]; ++j)
+        for (int i = first[0]; i <= last[0]; ++i) {
+          const int cell[3] = {i, j, k};
+          double overlap = volume / (8 * half * half * half);
+          bool here = true;  // a point on a face, edge or corner is in all cells there: it is the centroid of what they hold
+          for (int a = 0; a < 3; ++a) {
+            overlap *= std::max(0.0, std::min(cell[a] + 1.0, c[a] + half) - std::max(double(cell[a]), c[a] - half));
+            here = here && c[a] > cell[a] - lattice_tolerance && c[a] < cell[a] + 1 + lattice_tolerance;
+          }
+          share[l.offset(i, j, k)] += here ? std::max(overlap, smallest_body_share) : overlap;
+        }
+  }
+  l.body_cell.resize(share.size());
+  for (std::size_t n = 0; n < share.size(); ++n) l.body_cell[n] = share[n] >= smallest_body_share;
 }
 
 }  // namespace mtled

@@ -1,5 +1,6 @@
 #pragma once
 #include <array>
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
@@ -16,6 +17,7 @@ struct Lattice {
   double spacing = 0;                ///< [mm]
   std::array<int, 3> size{};         ///< positions along i, j, k
   std::vector<int> node_at;          ///< [size] node number at each position (i fastest), -1 where there is none
+  std::vector<std::uint8_t> body_cell;  ///< [size] nonzero where the cell from (i, j, k) to (i + 1, j + 1, k + 1) holds body; empty: all cells do
 
   std::size_t offset(int i, int j, int k) const {
     return std::size_t(i) + std::size_t(size[0]) * (std::size_t(j) + std::size_t(size[1]) * std::size_t(k));
@@ -24,6 +26,7 @@ struct Lattice {
     return i >= 0 && j >= 0 && k >= 0 && i < size[0] && j < size[1] && k < size[2];
   }
   int node(int i, int j, int k) const { return contains(i, j, k) ? node_at[offset(i, j, k)] : -1; }
+  bool holds_body(int i, int j, int k) const { return body_cell.empty() || (contains(i, j, k) && body_cell[offset(i, j, k)]); }
 };
 
 /// The nodes that carry the displacement.
@@ -40,7 +43,7 @@ struct IntegrationPoints {
   std::vector<double> volume;         ///< [num_points] > 0 [mm^3]
   std::vector<double> shear_modulus;  ///< [num_points] >= 0 [kPa] at rest; of the matrix between fibres; instantaneous
   std::vector<double> bulk_modulus;   ///< [num_points] > 0 [kPa] at rest; instantaneous
-  std::vector<double> density;        ///< [num_points] > 0 [kg/mm^3]
+  std::vector<double> density;        ///< [num_points] >= 0 [kg/mm^3]
   MaterialModel model = MaterialModel::neo_hookean;
   std::vector<double> further;        ///< [num_points * further_parameters(model)] in the order of the struct in core/material.hpp
   std::vector<PronyTerm> prony;       ///< of the whole body; empty: elastic
@@ -66,5 +69,8 @@ struct Constraints {
 /// Cloud of given nodes; `lattice_origin`, `lattice_spacing`: promise that every node is on that lattice (input error
 /// with the first row that breaks it, or when two nodes share a place).
 Cloud make_cloud(std::vector<Vec3d> nodes, std::optional<Lattice> promise);
+
+/// On a lattice: marks the cells that hold body, so that no support reaches across a gap. These are the cells with a point, and those of which points fill a tenth, each point standing for a cube. No effect on other clouds.
+void mark_body_cells(Cloud& cloud, const IntegrationPoints& points);
 
 }  // namespace mtled

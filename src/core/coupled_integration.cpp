@@ -177,7 +177,7 @@ IntegrationPoints reduce_volumetric_integration(const Approximation& field, cons
     sum.bulk -= points.volume[p] * result.bulk_modulus[p];
   }
   for (PointSum& sum : volumetric.values()) {
-    sum.shear = 0;
+    sum.shear = sum.density = 0;  // the mass stays with the points that give the shear modulus
     for (int i = 0; i < further_moduli(points.model); ++i) sum.further[std::size_t(i)] = 0;
     if (sum.bulk > 0) sum.append_to(result);
   }

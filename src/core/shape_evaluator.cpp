@@ -46,12 +46,67 @@ struct ShapeEvaluator::Neighbours {
             const Vec3d d = l.origin + l.spacing * Vec3d{double(i), double(j), double(k)} - x;
             if (squared_norm(d) < radius * radius) nodes.push_back(n), relative.push_back(d);
           }
+      keep_reachable(x, radius, nodes, relative);
       return;
     }
     std::vector<std::pair<std::uint32_t, double>> found;
     tree->radiusSearch(&x.x, radius * radius, found, nanoflann::SearchParams(32, 0, false));
     std::sort(found.begin(), found.end());
     for (const auto& f : found) nodes.push_back(int(f.first)), relative.push_back(cloud.nodes[f.first] - x);
+  }
+  /// Lattice: drops the nodes that are near only through a gap. Kept are the corners of those cells that a walk from the cell
+  /// of x reaches, from face to face through cells that hold body, without leaving the ball.
+  void keep_reachable(const Vec3d& x, double radius, std::vector<int>& nodes, std::vector<Vec3d>& relative) const {
+    const Lattice& l = *cloud.lattice;
+    const int reach = int(std::ceil(radius / l.spacing)), width = 2 * reach - 1;
+    const std::array<int, 3> first = [&] {
+      std::array<int, 3> c = cell_of(l, x);
+      for (int& i : c) i -= reach - 1;
+      return c;
+    }();
+    const auto number = [&](int i, int j, int k) { return std::size_t(i + width * (j + width * k)); };
+    thread_local std::vector<std::uint8_t> open;  // 0 closed, 1 open, 2 reached
+    open.assign(number(0, 0, width), 0);
+    bool gap = false;
+    for (int k = 0; k < width; ++k)
+      for (int j = 0; j < width; ++j)
+        for (int i = 0; i < width; ++i) {
+          double squared = 0;  // distance of the cell [spacings]
+          const int cell[3] = {first[0] + i, first[1] + j, first[2] + k};
+          for (int a = 0; a < 3; ++a) {
+            const double c = (x[a] - l.origin[a]) / l.spacing, d = std::max({0.0, cell[a] - c, c - cell[a] - 1});
+            squared += d * d;
+          }
+          const bool body = l.holds_body(cell[0], cell[1], cell[2]);
+          open[number(i, j, k)] = body && squared * l.spacing * l.spacing < radius * radius;
+          gap = gap || !body;
+        }
+    if (!gap) return;
+    thread_local std::vector<std::array<int, 3>> front;
+    front.assign(1, {reach - 1, reach - 1, reach - 1});
+    open[number(reach - 1, reach - 1, reach - 1)] = 2;
+    while (!front.empty()) {
+      const std::array<int, 3> from = front.back();
+      front.pop_back();
+      for (int face = 0; face < 6; ++face) {
+        std::array<int, 3> to = from;
+        to[std::size_t(face / 2)] += face % 2 ? 1 : -1;
+        if (std::min({to[0], to[1], to[2]}) < 0 || std::max({to[0], to[1], to[2]}) >= width || open[number(to[0], to[1], to[2])] != 1) continue;
+        open[number(to[0], to[1], to[2])] = 2;
+        front.push_back(to);
+      }
+    }
+    std::size_t kept = 0;
+    for (std::size_t n = 0; n < nodes.size(); ++n) {
+      const std::array<int, 3>& ijk = cloud.lattice_ijk[std::size_t(nodes[n])];
+      bool reached = false;
+      for (int c = 0; c < 8; ++c) {
+        const int i = ijk[0] - first[0] - (c & 1), j = ijk[1] - first[1] - (c >> 1 & 1), k = ijk[2] - first[2] - (c >> 2);
+        reached = reached || (std::min({i, j, k}) >= 0 && std::max({i, j, k}) < width && open[number(i, j, k)] == 2);
+      }
+      if (reached) nodes[kept] = nodes[n], relative[kept] = relative[n], ++kept;
+    }
+    nodes.resize(kept), relative.resize(kept);
   }
   double nearest_distance(const Vec3d& x) const {
     std::uint32_t index;
@@ -113,15 +168,18 @@ std::array<int, 3> cell_of(const Lattice& l, const Vec3d& x) {
     cell[a] = int(std::floor(c + edge_tolerance));
     on_plane[a] = c - cell[a] < edge_tolerance;
   }
-  // A place on a lattice plane belongs to the cells on both sides: prefer one that has all its nodes.
+  // A place on a lattice plane belongs to the cells on both sides: prefer one that has all its nodes, and of these one with body.
+  std::optional<std::array<int, 3>> complete;
   for (int side = 0; side < 8; ++side) {
     std::array<int, 3> candidate = cell;
     bool possible = true;
     for (int a = 0; a < 3; ++a)
       if (side >> a & 1) possible = possible && on_plane[a], --candidate[a];
-    if (possible && each_corner(l, candidate, [](int, int) {})) return candidate;
+    if (!possible || !each_corner(l, candidate, [](int, int) {})) continue;
+    if (l.holds_body(candidate[0], candidate[1], candidate[2])) return candidate;
+    if (!complete) complete = candidate;
   }
-  return cell;
+  return complete.value_or(cell);
 }
 
 bool ShapeEvaluator::coupled(const std::array<int, 3>& cell) const {

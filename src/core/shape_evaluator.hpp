@@ -15,6 +15,10 @@ namespace mtled {
 /// so that prescribed nodes are interpolated and u_I = prescribed value is exact on whole cells. On other clouds the
 /// shape functions stay those of moving least squares (the solver then solves for the prescribed nodes' parameters).
 ///
+/// On a lattice whose cells with body are known, a support does not reach across a gap: it holds the corners of the cells
+/// that a walk from face to face through such cells reaches inside the ball (connectivity, cheap and without a surface;
+/// gaps narrower than a cell cannot be told).
+///
 /// The support radius is dilatation * local spacing: the lattice's, or that of the nearest nodes. A support that is too
 /// small or badly conditioned is enlarged by 12 % up to eight times.
 class ShapeEvaluator : public Approximation {

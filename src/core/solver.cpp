@@ -7,6 +7,7 @@
 #include "core/error.hpp"
 #include "core/point_material.hpp"
 #include "core/relaxation.hpp"
+#include "core/stabilisation.hpp"
 
 namespace mtled {
 namespace {
@@ -137,7 +138,7 @@ void require_held(const SlotModel<Real>& model, const Cloud& cloud, const Constr
 }
 
 template <class Real>
-SlotModel<Real> build_model(const Approximation& field, IntegrationPoints& points, const Constraints& constraints, const Springs& springs, const SolverOptions& options, Solution& solution) {
+SlotModel<Real> build_model(const Approximation& field, IntegrationPoints& points, const Constraints& constraints, Springs springs, const SolverOptions& options, Solution& solution) {
   const Cloud& cloud = field.cloud();
   Stopwatch watch(solution.seconds);
   SlotModel<Real> model;
@@ -148,6 +149,8 @@ SlotModel<Real> build_model(const Approximation& field, IntegrationPoints& point
   const std::size_t slots = std::size_t(model.layout.num_slots);
   model.position.resize(slots);
   for (std::size_t n = 0; n < cloud.size(); ++n) model.position[std::size_t(model.layout.slot_of_node[n])] = cloud.nodes[n];
+  solution.points_per_node = points_per_node(model.supports, model.layout, points);
+  if (options.stabilisation > 0) add_stabilisation(field, model.supports, model.layout, points, solution.points_per_node, options.stabilisation, springs);
   watch.lap("shape functions");
   require_held(model, cloud, constraints, springs);
   if (field.averages_pressure()) model.nodal_pressure = std::make_unique<NodalPressure<Real>>(model.supports, points);

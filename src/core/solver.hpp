@@ -34,6 +34,7 @@ struct SolverOptions {
   int load_steps = 0;                ///< plain: steps of the load ramp; 0 = chosen from the distance to prescribed nodes
   int coarse_unknowns = 2400;        ///< two_level
   bool double_precision = false;     ///< of the state and the forces
+  double stabilisation = 0;          ///< strength, where integration points are too few (stabilisation.hpp); 0 = none
   std::function<void(const Progress&)> progress;
 };
 
@@ -57,6 +58,7 @@ struct Solution {
   std::size_t inverted_points = 0;
   std::size_t points = 0, stencils = 0, enlarged_supports = 0, dropped_points = 0, coarse_unknowns = 0;
   double bytes = 0;                   ///< of the solver's tables and state
+  std::vector<double> points_per_node;    ///< [num_nodes] integration points per node around there; 0: seen by none
   std::map<std::string, double> seconds;  ///< per stage
   std::vector<HistoryEntry> history;
 };

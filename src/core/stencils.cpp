@@ -14,7 +14,8 @@ namespace {
 constexpr double fraction_steps = 1 << 20;  ///< places in a lattice cell that agree to this resolution share a stencil
 
 /// All that the shape functions at a place depend on, relative to its lattice cell: the place in the cell, the cell's
-/// phase in the slot layout, which lattice positions around hold nodes, and which corners are prescribed.
+/// phase in the slot layout, which lattice positions around hold nodes, which cells hold body, and which corners are
+/// prescribed.
 std::string stencil_key(const Approximation& field, const Vec3d& x, const std::array<int, 3>& cell, int reach) {
   const Lattice& l = *field.cloud().lattice;
   std::string key;
@@ -33,6 +34,9 @@ std::string stencil_key(const Approximation& field, const Vec3d& x, const std::a
   for (int k = 1 - reach; k <= reach; ++k)
     for (int j = 1 - reach; j <= reach; ++j)
       for (int i = 1 - reach; i <= reach; ++i) push(l.node(cell[0] + i, cell[1] + j, cell[2] + k) >= 0);
+  for (int k = 1 - reach; k < reach && !l.body_cell.empty(); ++k)
+    for (int j = 1 - reach; j < reach; ++j)
+      for (int i = 1 - reach; i < reach; ++i) push(l.holds_body(cell[0] + i, cell[1] + j, cell[2] + k));
   for (int c = 0; c < 8; ++c) {
     const int n = l.node(cell[0] + (c & 1), cell[1] + (c >> 1 & 1), cell[2] + (c >> 2));
     push(n >= 0 && field.prescribed(n));

@@ -209,6 +209,9 @@ SolveCase read_case(const std::filesystem::path& path) {
   result.solver.relaxation = relaxation == "plain" ? Relaxation::plain : Relaxation::two_level;
   result.solver.load_steps = whole_number(solver, "load_steps", 0, 0);
   result.solver.coarse_unknowns = whole_number(solver, "coarse_unknowns", result.solver.coarse_unknowns, 6);
+  result.solver.stabilisation = solver.value("stabilisation", 0.0);
+  require(result.solver.stabilisation >= 0 && std::isfinite(result.solver.stabilisation), solver.place("stabilisation"), " is ", result.solver.stabilisation,
+          "; it must be 0 (none) or positive and finite (2 is usual)");
   const std::string precision = solver.value<std::string>("precision", "single");
   require(precision == "single" || precision == "double", solver.place("precision"), " is '", precision, "'; choose single or double");
   result.solver.double_precision = precision == "double";

@@ -1,6 +1,9 @@
 #include "io/solution_output.hpp"
 
+#include <algorithm>
 #include <cmath>
+
+#include "core/stabilisation.hpp"
 
 namespace mtled {
 namespace {
@@ -26,6 +29,12 @@ Json summary_of(const Solution& s) {
   j["stencils"] = s.stencils;
   j["enlarged_supports"] = s.enlarged_supports;
   j["dropped_points"] = s.dropped_points;
+  const auto seen = [](double per_node) { return per_node > 0; };
+  double fewest = 0;
+  for (double per_node : s.points_per_node)
+    if (seen(per_node) && (fewest == 0 || per_node < fewest)) fewest = per_node;
+  j["fewest_points_per_node"] = fewest;
+  j["nodes_with_few_points"] = std::count_if(s.points_per_node.begin(), s.points_per_node.end(), [&](double per_node) { return seen(per_node) && per_node < enough_points_per_node; });
   j["coarse_unknowns"] = s.coarse_unknowns;
   double total = 0;
   for (const auto& [stage, t] : s.seconds) j["stage_seconds"][stage] = t, total += t;
@@ -41,7 +50,8 @@ void write_nodes(const std::filesystem::path& directory, const Cloud& cloud, con
   for (const Vec3d& d : solution.displacement)
     for (int c = 0; c < 3; ++c) u.values.push_back(float(d[c]));
   for (int n : constraints.node) prescribed.values[std::size_t(n)] = 1;
-  more.insert(more.begin(), {std::move(u), std::move(prescribed)});
+  PointData per_node{"points_per_node", 1, {solution.points_per_node.begin(), solution.points_per_node.end()}};
+  more.insert(more.begin(), {std::move(u), std::move(prescribed), std::move(per_node)});
   write_vtu(directory / "nodes.vtu", cloud.nodes, more);
 }
 
