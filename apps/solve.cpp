@@ -3,6 +3,7 @@
 #include "command.hpp"
 #include "core/error.hpp"
 #include "io/case_file.hpp"
+#include "io/dynamics_output.hpp"
 #include "io/output.hpp"
 #include "io/solution_output.hpp"
 #include "io/tables.hpp"
@@ -24,6 +25,17 @@ std::vector<Vec3d> displacement_at_probes(const Approximation& evaluator, const 
   return u;
 }
 
+void run_in_time(const OutputDirectory& output, const Approximation& evaluator, SolveCase& problem) {
+  DynamicsWriter writer(output.path(), evaluator, problem.constraints, problem.probes);
+  problem.dynamics->progress = problem.solver.progress;
+  problem.dynamics->observe = [&](const DynamicsFrame& frame) { writer.write(frame); };
+  const DynamicsResult result = run_dynamics(evaluator, problem.points, problem.constraints, {}, problem.loads, *problem.dynamics);
+  const Json summary = summary_of(result);
+  write_text(output / "summary.json", summary.dump(1) + "\n");
+  std::printf("%d steps of %.3g s, largest energy balance error %.2g %%, %.3g s\n", result.steps, result.time_step, 100 * result.largest_balance_error,
+              summary["seconds"].get<double>());
+}
+
 void run(const SolveOptions& options) {
   const auto limit = start(options);
   SolveCase problem = read_case(options.case_file);
@@ -35,7 +47,8 @@ void run(const SolveOptions& options) {
   for (std::size_t p = 0; p < problem.probes.size(); ++p)
     require(evaluator.touches(problem.probes[p]), "probe ", p, " at (", problem.probes[p].x, ", ", problem.probes[p].y, ", ", problem.probes[p].z,
             ") mm lies outside the body; remove it");
-  const Solution solution = solve(evaluator, problem.points, problem.constraints, problem.solver);
+  if (problem.dynamics) return run_in_time(output, evaluator, problem);
+  const Solution solution = solve(evaluator, problem.points, problem.constraints, problem.solver, {}, problem.loads);
   if (!problem.probes.empty()) write_displacements(output / "probes.csv", problem.probes, displacement_at_probes(evaluator, solution, problem.probes));
   write_nodes(output.path(), problem.cloud, problem.constraints, solution);
   const Json summary = summary_of(solution);
@@ -54,7 +67,7 @@ void add_solve(CLI::App& program) {
   auto options = std::make_shared<SolveOptions>();
   CLI::App* verb = program.add_subcommand("solve", "Solve a mechanical problem given as tables, without images");
   verb->add_option("case", options->case_file, "case.toml (see docs/solve.md)")->type_name("FILE")->required();
-  verb->add_option("--output,-o", options->output, "folder for probes.csv, nodes.csv, nodes.vtu and summary.json")->type_name("DIR")->required();
+  verb->add_option("--output,-o", options->output, "folder for summary.json, nodes.csv, nodes.vtu and probes.csv, or the motion in time")->type_name("DIR")->required();
   add_common(*verb, *options, false);
   verb->callback([options] { run(*options); });
 }

@@ -1,8 +1,10 @@
 #pragma once
 #include <filesystem>
+#include <optional>
 #include <vector>
 
 #include "core/cloud.hpp"
+#include "core/dynamics.hpp"
 #include "core/solver.hpp"
 
 namespace mtled {
@@ -15,6 +17,8 @@ struct SolveCase {
   std::vector<Vec3d> probes;   ///< may be empty
   MlsOptions shapes;
   SolverOptions solver;
+  Loads loads;
+  std::optional<DynamicsOptions> dynamics;  ///< absent: static equilibrium
 };
 
 /// Reads case.toml and the tables that it names (format: docs/solve.md). Every fault is an input error with file, row or
