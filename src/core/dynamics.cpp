@@ -152,11 +152,11 @@ DynamicsResult run_dynamics(const Approximation& field, IntegrationPoints points
   require(options.time_step <= result.stable_time_step, "the time step of ", options.time_step, " s is not stable; this body needs one below ", result.stable_time_step,
           " s (its stiffest and lightest part decides): give a shorter one, or none");
   const double wanted = options.time_step > 0 ? options.time_step : options.safety * result.stable_time_step;
-  const double steps = std::ceil(options.duration / wanted * (1 - 1e-12));
+  const double outputs = options.output_every > 0 ? std::max(1.0, std::round(options.duration / options.output_every)) : 1;
+  const double every = std::ceil(options.duration / outputs / wanted * (1 - 1e-12)), steps = outputs * every;
   require(steps < 2e9, "the duration of ", options.duration, " s needs ", steps, " steps of at most ", wanted, " s; shorten it");
   result.steps = int(steps);
   const double dt = result.time_step = options.duration / steps;
-  const int every = options.output_every > 0 ? int(std::clamp(std::round(options.output_every / dt), 1.0, steps)) : result.steps;
   result.seconds["setup"] = seconds();
 
   // u(n + 1) = u(n) + d(n + 1), d(n + 1) = keep d(n) + push M^-1 (R - f(u(n))) + projection; the first step is half of one.
@@ -221,7 +221,7 @@ DynamicsResult run_dynamics(const Approximation& field, IntegrationPoints points
       fail(Failure::numerical, "the motion grows without bound at step ", n, " (time ", t, " s): the body has deformed so far that the time step of ", dt,
            " s is no longer stable, or points have turned inside out; give a smaller dynamics.safety or time_step_s, or drive the body less");
 
-    if (n % every == 0 || n == result.steps) {
+    if (n % int(every) == 0) {
       Solution state;
       Vec3d worst;
       measure_state(model, u, state, worst);

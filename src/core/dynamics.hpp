@@ -34,10 +34,10 @@ struct DynamicsFrame {
 
 struct DynamicsOptions {
   double duration = 0;               ///< > 0 [s]
-  double time_step = 0;              ///< [s]; 0: `safety` times the stable one. Shortened so that steps fill the duration
+  double time_step = 0;              ///< [s]; 0: `safety` times the stable one. Shortened so that outputs fall on steps
   double safety = 0.8;               ///< of the stable step at rest; compression by a fifth makes the stable step a tenth shorter
   double damping = 0;                ///< proportional to mass, >= 0 [1/s]: free motion decays as exp(-damping t)
-  double output_every = 0;           ///< [s]; 0: only start and end
+  double output_every = 0;           ///< [s]; 0: only start and end. Changed so that a whole number fills the duration
   std::map<std::string, History> histories;  ///< per set of constraints, springs and loads. Without one, displacements
                                              ///< grow smoothly over the whole duration, and loads are constant from the start
   std::function<void(const Progress&)> progress;
