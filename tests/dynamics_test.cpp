@@ -316,6 +316,26 @@ TEST(Dynamics, PrescribedMotionIsReproducedAtTheNodes) {
   }
 }
 
+TEST(Dynamics, ReactionsAreTheChangeOfMomentum) {
+  const Box box{{3, 3, 5}, h};
+  for (const bool jittered : {false, true}) {
+    const Scene scene = box_scene(box, jittered, 0.45, held_at_bottom({4, -2, -6}, box.length(2)));
+    const Motion run = move(scene, {}, for_seconds(0.1, 400));
+    ASSERT_EQ(run.result.steps, 400) << "every step is an output";
+    Vec3d impulse{}, last{};
+    const std::vector<double> mass = lumped_mass(scene.evaluator(), scene.points);
+    double largest = 0, worst = 0;
+    for (std::size_t i = 0; i < run.frames.size(); ++i) {
+      const Vec3d force = run.frames[i].entry.reactions.at("top") + run.frames[i].entry.reactions.at("bottom");
+      if (i > 0) impulse += (run.result.time_step / 2) * (last + force);
+      last = force;
+      const Vec3d p = momentum(mass, run.frames[i]);
+      largest = std::max(largest, norm(p)), worst = std::max(worst, norm(p - impulse));
+    }
+    EXPECT_LT(worst, 1e-10 * largest);
+  }
+}
+
 TEST(Dynamics, SpringsAreInTheBalance) {
   const Box box{{3, 3, 5}, h};
   const Scene scene = box_scene(box, false, 0.45);
