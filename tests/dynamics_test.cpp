@@ -233,7 +233,7 @@ TEST(Dynamics, ColumnUnderPressureSettlesAtTheClosedForm) {
     Loads loads;
     add_traction(loads, box, length, {0, 0, -pressure});
     DynamicsOptions options = for_seconds(1.0);
-    options.damping = 40;
+    options.damping = 40, options.safety = 0.4;  // the shock compresses twice as far, which is too much for 0.8
     const Motion run = move(scene, loads, options);
     const ShapeEvaluator field = scene.evaluator();
     const Vec3d top = run.displacement(field, {15, 15, length}, 1);
@@ -250,9 +250,9 @@ TEST(Dynamics, ColumnUnderPressureSettlesAtTheClosedForm) {
     EXPECT_LT(e.kinetic, 1e-9 * e.strain);
     // One point per cell on a lattice without outer nodes errs by 0.1 %, on a rough cloud by a few per cent.
     EXPECT_NEAR(top.z, -shortening, (jittered ? 0.03 : 0.003) * shortening);
-    EXPECT_LT(run.result.largest_balance_error, 0.01) << "a shock at 0.8 of the stable step";
-    options.safety = 0.4;
-    EXPECT_LT(move(scene, loads, options).result.largest_balance_error, 0.4 * run.result.largest_balance_error) << "of second order in the step";
+    EXPECT_LT(run.result.largest_balance_error, 0.01) << "a shock";
+    options.safety = 0.2;
+    EXPECT_LT(move(scene, loads, options).result.largest_balance_error, 0.3 * run.result.largest_balance_error) << "of second order in the step";
   }
 }
 

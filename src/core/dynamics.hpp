@@ -35,7 +35,7 @@ struct DynamicsFrame {
 struct DynamicsOptions {
   double duration = 0;               ///< > 0 [s]
   double time_step = 0;              ///< [s]; 0: `safety` times the stable one. Shortened so that outputs fall on steps
-  double safety = 0.8;               ///< of the stable step at rest; compression by a fifth makes the stable one 4 % shorter, by two fifths 20 %
+  double safety = 0.8;               ///< of the stable step at rest; large deformation makes the stable one up to 20 % shorter (docs/solve.md)
   double damping = 0;                ///< proportional to mass, >= 0 [1/s]: free motion decays as exp(-damping t)
   double output_every = 0;           ///< [s]; 0: only start and end. Changed so that a whole number fills the duration
   std::map<std::string, History> histories;  ///< per set of constraints, springs and loads. Without one, displacements
