@@ -5,6 +5,7 @@
 #include "core/error.hpp"
 #include "core/stabilisation.hpp"
 #include "io/case_file.hpp"
+#include "io/dynamics_output.hpp"
 #include "io/output.hpp"
 #include "io/solution_output.hpp"
 #include "io/tables.hpp"
@@ -40,6 +41,17 @@ void warn_of_few_points(const SolveCase& problem, const Solution& solution) {
                    problem.solver.stabilisation > 0 ? "solver.stabilisation is on and helps, more points are better" : "use about two points per node, or set solver.stabilisation = 2"));
 }
 
+void run_in_time(const OutputDirectory& output, const Discretisation& discretisation, SolveCase& problem) {
+  DynamicsWriter writer(output.path(), *discretisation.field, problem.constraints, problem.probes);
+  problem.dynamics->progress = problem.solver.progress;
+  problem.dynamics->observe = [&](const DynamicsFrame& frame) { writer.write(frame); };
+  const DynamicsResult result = run_dynamics(*discretisation.field, problem.points, problem.constraints, discretisation.springs, problem.loads, *problem.dynamics);
+  const Json summary = summary_of(result);
+  write_text(output / "summary.json", summary.dump(1) + "\n");
+  std::printf("%d steps of %.3g s, largest energy balance error %.2g %%, %.3g s\n", result.steps, result.time_step, 100 * result.largest_balance_error,
+              summary["seconds"].get<double>());
+}
+
 void run(const SolveOptions& options) {
   const auto limit = start(options);
   SolveCase problem = read_case(options.case_file);
@@ -53,7 +65,8 @@ void run(const SolveOptions& options) {
             ") mm lies outside the body; remove it");
   if (problem.align_points && problem.elements.size() == 0)
     problem.points = reduce_volumetric_integration(field, align_with_coupled_cells(field, problem.points));
-  const Solution solution = solve(field, problem.points, problem.constraints, problem.solver, discretisation.springs);
+  if (problem.dynamics) return run_in_time(output, discretisation, problem);
+  const Solution solution = solve(field, problem.points, problem.constraints, problem.solver, discretisation.springs, problem.loads);
   if (!problem.probes.empty()) write_displacements(output / "probes.csv", problem.probes, displacement_at_probes(field, solution, problem.probes));
   write_nodes(output.path(), problem.cloud, problem.constraints, solution);
   const Json summary = summary_of(solution);
@@ -73,7 +86,7 @@ void add_solve(CLI::App& program) {
   auto options = std::make_shared<SolveOptions>();
   CLI::App* verb = program.add_subcommand("solve", "Solve a mechanical problem given as tables, without images");
   verb->add_option("case", options->case_file, "case.toml (see docs/solve.md)")->type_name("FILE")->required();
-  verb->add_option("--output,-o", options->output, "folder for probes.csv, nodes.csv, nodes.vtu and summary.json")->type_name("DIR")->required();
+  verb->add_option("--output,-o", options->output, "folder for summary.json, nodes.csv, nodes.vtu and probes.csv, or the motion in time")->type_name("DIR")->required();
   add_common(*verb, *options, false);
   verb->callback([options] { run(*options); });
 }

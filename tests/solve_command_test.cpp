@@ -214,6 +214,109 @@ TEST_F(Solve, CasesThatMakeNoSense) {
   refused(input, {"case.toml"});
 }
 
+TEST_F(Solve, MotionInTime) {
+  file("forces.csv", "x,y,z,fx,fy,fz,set\n15,15,15,5,0,0,push\n");
+  file("pressure.csv", "x,y,z,ax,ay,az,pressure_kpa\n30,15,15,100,0,0,0.05\n");
+  file("histories.csv", "set,time_s,factor\nupper,0,0\nupper,0.05,1\npush,0.02,0\npush,0.03,1\n");
+  const std::string motion = "[loads]\ngravity_mm_s2 = [0.0, 0.0, -9810.0]\nforces = \"forces.csv\"\npressure = \"pressure.csv\"\n"
+                             "[dynamics]\nduration_s = 0.1\noutput_every_s = 0.025\ndamping_per_s = 5\nhistories = \"histories.csv\"\ninterpolation = \"smooth\"\n";
+  write_case(motion);
+  const Outcome outcome = run({"--threads", "1"});
+  ASSERT_EQ(outcome.code, 0) << outcome.err;
+  EXPECT_NE(outcome.out.find("energy balance"), std::string::npos);
+  EXPECT_EQ(program::listing(out()), (Strings{"history.csv", "motion.pvd", "motion_000000.vtu", "motion_000001.vtu", "motion_000002.vtu", "motion_000003.vtu", "motion_000004.vtu", "probe_history.csv", "summary.json"}));
+  const nlohmann::json s = summary();
+  EXPECT_LT(s["time_step_s"].get<double>(), s["stable_time_step_s"].get<double>());
+  EXPECT_NEAR(s["mass_kg"].get<double>(), 1e-6 * side * side * side, 1e-9 * side * side);
+  EXPECT_NEAR(s["steps"].get<int>() * s["time_step_s"].get<double>(), 0.1, 1e-12);
+  const Table history = Table::read(out("history.csv"));
+  ASSERT_EQ(history.rows(), 5u);
+  for (std::size_t r = 0; r < history.rows(); ++r) {
+    const auto value = [&](const char* column) { return history.number(r, history.column(column)); };
+    const double work = value("work_of_loads_mN_mm") + value("work_of_motions_mN_mm");
+    EXPECT_NEAR(value("kinetic_mN_mm") + value("strain_mN_mm") + value("springs_mN_mm") + value("dissipated_mN_mm"), work + value("balance_error_mN_mm"), 1e-6 * std::abs(work));
+  }
+  EXPECT_LT(s["largest_balance_error"].get<double>(), 0.01);
+  const Table probes = Table::read(out("probe_history.csv"));
+  ASSERT_EQ(probes.rows(), 15u);
+  EXPECT_GT(probes.number(12, probes.column("ux")), 0) << "the push acts";
+  EXPECT_NE(program::content(out("motion.pvd")).find("file=\"motion_000004.vtu\""), std::string::npos);
+
+  const std::string first = program::content(out("history.csv"));
+  ASSERT_EQ(run({"--threads", "2", "--force"}).code, 0);
+  EXPECT_EQ(program::content(out("history.csv")), first);
+}
+
+TEST_F(Solve, AFreeBodyMayFallInTimeButNotRest) {
+  const std::string free_case = "[nodes]\nfile = \"nodes.csv\"\n[points]\nfile = \"points.csv\"\n[loads]\ngravity_mm_s2 = [0.0, 0.0, -9810.0]\n";
+  file("case.toml", free_case + "[probes]\nfile = \"probes.csv\"\n[dynamics]\nduration_s = 0.05\n");
+  const Outcome outcome = run();
+  ASSERT_EQ(outcome.code, 0) << outcome.err;
+  const Table probes = Table::read(out("probe_history.csv"));
+  EXPECT_NEAR(probes.number(3, probes.column("uz")), -9810 * 0.05 * 0.05 / 2, 1e-6);
+  fs::remove_all(out());
+  file("case.toml", free_case);
+  refused(input, {"constraints", "file"});
+}
+
+TEST_F(Solve, WeightInEquilibrium) {
+  write_case("[loads]\ngravity_mm_s2 = [0.0, 0.0, -9810.0]\n");
+  ASSERT_EQ(run().code, 0);
+  const nlohmann::json reactions = summary()["reactions_mN"];
+  const double weight = 1e-6 * side * side * side * 9810;
+  EXPECT_NEAR(reactions["upper"][2].get<double>() + reactions["lower"][2].get<double>(), weight, 0.01 * weight);
+}
+
+TEST_F(Solve, MotionsThatMakeNoSense) {
+  for (const auto& [settings, parts] : std::vector<std::pair<std::string, Strings>>{
+           {"", {"dynamics.duration_s", "missing"}},
+           {"duration_s = 0.0", {"dynamics.duration_s", "positive"}},
+           {"duration_s = inf", {"dynamics.duration_s", "finite"}},
+           {"duration_s = 0.1\ntime_step_s = 0.05", {"time step of 0.05 s is not stable", "below"}},
+           {"duration_s = 0.1\ntime_step_s = 0.0001\nsafety = 0.5", {"dynamics.time_step_s", "keep one"}},
+           {"duration_s = 0.1\nsafety = 1.5", {"dynamics.safety", "at most 1"}},
+           {"duration_s = 0.1\ndamping_per_s = -1.0", {"dynamics.damping_per_s", "at least 0"}},
+           {"duration_s = 0.1\noutput_every_s = 0.0", {"dynamics.output_every_s", "positive"}},
+           {"duration_s = 0.1\ninterpolation = \"cubic\"", {"cubic", "linear or smooth"}},
+           {"duration_s = 0.1\nhistories = \"none.csv\"", {"none.csv", "no such file"}},
+           {"duration_s = 0.1\nsteps = 5", {"dynamics.steps", "not a known setting"}},
+           {"duration_s = 0.1\n[solver]\ntolerance_mm = 0.1", {"[solver]", "[dynamics]", "remove one"}}}) {
+    write_case("[dynamics]\n" + settings + "\n");
+    refused(input, parts);
+  }
+  for (const auto& [rows, parts] : std::vector<std::pair<std::string, Strings>>{{"upper,0,0\nupper,0,1\n", {"histories.csv, line 3", "does not come after"}},
+                                                                                {"upper,0,1\n", {"'upper' begins with a jump"}},
+                                                                                {"lid,0,0\n", {"history of 'lid'", "no set"}},
+                                                                                {"upper,0,\n", {"histories.csv, line 2", "factor"}}}) {
+    file("histories.csv", "set,time_s,factor\n" + rows);
+    write_case("[dynamics]\nduration_s = 0.1\nhistories = \"histories.csv\"\n");
+    refused(input, parts);
+  }
+}
+
+TEST_F(Solve, LoadsThatMakeNoSense) {
+  for (const char* gravity : {"[1.0, 2.0]", "[1.0, 2.0, nan]", "[1.0, 2.0, \"x\"]", "9.81"}) {
+    write_case(std::string("[loads]\ngravity_mm_s2 = ") + gravity + "\n");
+    refused(input, {"loads.gravity_mm_s2", "must be"});
+  }
+  write_case("[loads]\nforces = \"forces.csv\"\n");
+  file("forces.csv", "x,y,z,fx,fy,fz\n");
+  refused(input, {"forces.csv", "no rows"});
+  file("forces.csv", "x,y,z,fx,fy,fz\n1,1,99,0,0,1\n");
+  refused(input, {"row 0", "(1, 1, 99)", "outside the body"});
+  file("forces.csv", "x,y,z,fx,fy,fz,set\n1,1,1,0,0,1,gravity\n");
+  refused(input, {"forces.csv, line 2", "'gravity'"});
+  write_case("[loads]\npressure = \"forces.csv\"\n");
+  refused(input, {"forces.csv", "no column 'ax'"});
+}
+
+TEST_F(Solve, MotionThatGrowsWithoutBoundKeepsTheOutputsSoFar) {
+  write_case("[loads]\ngravity_mm_s2 = [0.0, 0.0, 3e7]\n[dynamics]\nduration_s = 0.2\noutput_every_s = 0.0005\n");
+  expect_refusal(run(), numerical, {"grows without bound at step", "time", "safety"});
+  EXPECT_GE(Table::read(out("history.csv")).rows(), 1u);
+  EXPECT_FALSE(fs::exists(out("summary.json")));
+}
+
 TEST_F(Solve, CommandLineMistakes) {
   expect_refusal(program::run({"solve"}, file("log")), usage, {"case"});
   expect_refusal(program::run({"solve", "case.toml"}, file("log")), usage, {"--output"});

@@ -11,6 +11,16 @@ namespace {
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
+/// body(component pointers..., begin, end) over pieces of every component.
+template <class Real, class Body>
+void each_component(const NodalField<Real>& like, Body&& body) {
+  parallel_pieces(like.slots(), 16384, [&](std::size_t begin, std::size_t end) {
+    for (int c = 0; c < 3; ++c) body(c, begin, end);
+  });
+}
+
+}  // namespace
+
 template <class Real>
 double dot(const NodalField<Real>& a, const NodalField<Real>& b) {
   return parallel_sum(a.slots(), [&](std::size_t begin, std::size_t end) {
@@ -28,36 +38,14 @@ double dot(const NodalField<Real>& a, const NodalField<Real>& b) {
   });
 }
 
-/// body(component pointers..., begin, end) over pieces of every component.
-template <class Real, class Body>
-void each_component(const NodalField<Real>& like, Body&& body) {
-  parallel_pieces(like.slots(), 16384, [&](std::size_t begin, std::size_t end) {
-    for (int c = 0; c < 3; ++c) body(c, begin, end);
-  });
-}
-
-/// g = P f
 template <class Real>
-void precondition(const SlotModel<Real>& model, const NodalField<Real>& f, NodalField<Real>& g) {
-  each_component(f, [&](int c, std::size_t begin, std::size_t end) {
-    const Real *from = f.component(c), *d = model.inverse_diagonal.component(c);
-    Real* to = g.component(c);
-    for (std::size_t s = begin; s < end; ++s) to[s] = d[s] * from[s];
-  });
-  if (model.coarse) model.coarse->add_correction(f, g);
-}
-
-/// Largest eigenvalue of P K(u) by power iteration, with Rayleigh quotients in the energy norm of K. The result is a
-/// lower bound that is within a few percent after 20 iterations. `v` is the start vector and the eigenvector on return.
-template <class Real>
-double largest_eigenvalue(const SlotModel<Real>& model, const NodalField<Real>& u, int iterations, NodalField<Real>& v) {
-  NodalField<Real> f(u.slots()), g(u.slots());
+double power_iteration(const std::function<void(NodalField<Real>&, NodalField<Real>&)>& stiffness, const std::function<void(const NodalField<Real>&, NodalField<Real>&)>& inverse,
+                       int iterations, NodalField<Real>& v) {
+  NodalField<Real> f(v.slots()), g(v.slots());
   double lambda = 0;
   for (int i = 0; i < iterations; ++i) {
-    model.constraints->impose(v, 0);
-    model.tangent(u, v, f);
-    model.constraints->reduce(f);
-    precondition(model, f, g);
+    stiffness(v, f);
+    inverse(f, g);
     const double vf = dot(v, f), gf = dot(g, f), gg = dot(g, g);
     if (!(gg > 0) || !std::isfinite(gg)) fail(Failure::numerical, "the stiffness of the body could not be estimated: it is zero or not finite");
     if (vf > 0) lambda = gf / vf;
@@ -71,7 +59,6 @@ double largest_eigenvalue(const SlotModel<Real>& model, const NodalField<Real>& 
   return lambda;
 }
 
-/// A rough vector that contains every mode; the same in every run.
 template <class Real>
 NodalField<Real> rough_vector(const SlotModel<Real>& model) {
   NodalField<Real> v(model.position.size());
@@ -82,6 +69,30 @@ NodalField<Real> rough_vector(const SlotModel<Real>& model) {
       v.at(s, c) = model.active.at(s, c) * (Real(state >> 8) / Real(1 << 24) - Real(0.5));
     }
   return v;
+}
+
+namespace {
+
+/// g = P f
+template <class Real>
+void precondition(const SlotModel<Real>& model, const NodalField<Real>& f, NodalField<Real>& g) {
+  each_component(f, [&](int c, std::size_t begin, std::size_t end) {
+    const Real *from = f.component(c), *d = model.inverse_diagonal.component(c);
+    Real* to = g.component(c);
+    for (std::size_t s = begin; s < end; ++s) to[s] = d[s] * from[s];
+  });
+  if (model.coarse) model.coarse->add_correction(f, g);
+}
+
+/// Largest eigenvalue of P K(u); see power_iteration.
+template <class Real>
+double largest_eigenvalue(const SlotModel<Real>& model, const NodalField<Real>& u, int iterations, NodalField<Real>& v) {
+  const auto stiffness = [&](NodalField<Real>& x, NodalField<Real>& f) {
+    model.constraints->impose(x, 0);
+    model.tangent(u, x, f);
+    model.constraints->reduce(f);
+  };
+  return power_iteration<Real>(stiffness, [&](const NodalField<Real>& f, NodalField<Real>& g) { precondition(model, f, g); }, iterations, v);
 }
 
 struct StepSizes {
@@ -274,6 +285,11 @@ RelaxationResult relax(const SlotModel<Real>& model, const SolverOptions& option
   return result;
 }
 
+template double dot<float>(const NodalField<float>&, const NodalField<float>&);
+template double dot<double>(const NodalField<double>&, const NodalField<double>&);
+template double power_iteration<double>(const std::function<void(NodalField<double>&, NodalField<double>&)>&,
+                                        const std::function<void(const NodalField<double>&, NodalField<double>&)>&, int, NodalField<double>&);
+template NodalField<double> rough_vector<double>(const SlotModel<double>&);
 template RelaxationResult relax<float>(const SlotModel<float>&, const SolverOptions&, double, NodalField<float>&);
 template RelaxationResult relax<double>(const SlotModel<double>&, const SolverOptions&, double, NodalField<double>&);
 template int advance_load<float>(const SlotModel<float>&, double, double, NodalField<float>&);

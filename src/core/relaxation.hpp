@@ -26,17 +26,24 @@ struct SlotModel {
   std::unique_ptr<CpuForces<Real>> forces;
   std::unique_ptr<SpringForces<Real>> springs;  ///< null: none
   std::unique_ptr<NodalPressure<Real>> nodal_pressure;  ///< null: each point has a pressure of its own
+  NodalField<Real> external;          ///< dead loads [mN]; no slots: none
   std::unique_ptr<ConstraintOperator<Real>> constraints;
   std::unique_ptr<CoarseSpace<Real>> coarse;  ///< null: diagonal preconditioner only
   NodalField<Real> coarse_active;
   double largest_increment = 0;       ///< of a step, beyond which the iteration has diverged [mm]
   double largest_distance = 0;        ///< of a node to the nearest place that is held, in node spacings
 
-  /// f = internal force [mN] at displacement u [mm], the springs' at `load` of their targets included.
+  /// f = internal force [mN] at displacement u [mm], the springs' at `load` of their targets included, less `load` times
+  /// the external force.
   VolumeRatioStatistics force(const NodalField<Real>& u, double load, NodalField<Real>& f) const {
     const VolumeRatioStatistics ratio = forces->force(u, f);
     if (springs) springs->add_force(u, load, f);
     if (nodal_pressure) nodal_pressure->add_force(u, f);
+    if (external.slots() > 0)
+      parallel_pieces(f.slots(), 16384, [&](std::size_t begin, std::size_t end) {
+        for (int c = 0; c < 3; ++c)
+          for (std::size_t s = begin; s < end; ++s) f.at(s, c) -= Real(load) * external.at(s, c);
+      });
     return ratio;
   }
   /// f = K(u) v [mN]
@@ -46,6 +53,29 @@ struct SlotModel {
     if (nodal_pressure) nodal_pressure->add_tangent(u, v, f);
   }
 };
+
+/// What every analysis needs of the model: layout, supports, positions and forces. Points without a usable support give
+/// their volume to others in `points`, which the model refers to.
+template <class Real>
+SlotModel<Real> build_base_model(const Approximation& field, IntegrationPoints& points);
+
+/// Strain energy [mN mm] and volume ratios at displacement u, into `solution`; where the smallest ratio is.
+template <class Real>
+void measure_state(const SlotModel<Real>& model, const NodalField<Real>& u, Solution& solution, Vec3d& worst_place);
+
+/// Sum of products, in double; the same bits for any number of threads.
+template <class Real>
+double dot(const NodalField<Real>& a, const NodalField<Real>& b);
+
+/// Largest eigenvalue of P K by power iteration, with Rayleigh quotients in the energy norm of K. `stiffness`: f = K v,
+/// after making v admissible; `inverse`: g = P f, P symmetric. The result is a lower bound that is within a few percent
+/// after 20 iterations. `v` is the start vector and the eigenvector on return.
+template <class Real>
+double power_iteration(const std::function<void(NodalField<Real>& v, NodalField<Real>& f)>& stiffness,
+                       const std::function<void(const NodalField<Real>& f, NodalField<Real>& g)>& inverse, int iterations, NodalField<Real>& v);
+/// A rough vector that contains every mode of the active parameters; the same in every run.
+template <class Real>
+NodalField<Real> rough_vector(const SlotModel<Real>& model);
 
 struct RelaxationResult {
   bool converged = false;

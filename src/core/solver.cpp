@@ -137,23 +137,36 @@ void require_held(const SlotModel<Real>& model, const Cloud& cloud, const Constr
   }
 }
 
+}  // namespace
+
 template <class Real>
-SlotModel<Real> build_model(const Approximation& field, IntegrationPoints& points, const Constraints& constraints, Springs springs, const SolverOptions& options, Solution& solution) {
+SlotModel<Real> build_base_model(const Approximation& field, IntegrationPoints& points) {
   const Cloud& cloud = field.cloud();
-  Stopwatch watch(solution.seconds);
   SlotModel<Real> model;
   model.layout = make_slot_layout(cloud, 1);
   model.supports = build_supports(field, model.layout, points);
   hand_over_dropped_volume(model.supports, points);
   model.points = &points;
-  const std::size_t slots = std::size_t(model.layout.num_slots);
-  model.position.resize(slots);
+  model.position.resize(std::size_t(model.layout.num_slots));
   for (std::size_t n = 0; n < cloud.size(); ++n) model.position[std::size_t(model.layout.slot_of_node[n])] = cloud.nodes[n];
+  if (field.averages_pressure()) model.nodal_pressure = std::make_unique<NodalPressure<Real>>(model.supports, points);
+  model.forces = std::make_unique<CpuForces<Real>>(model.supports, model.layout, points);
+  return model;
+}
+template SlotModel<double> build_base_model<double>(const Approximation&, IntegrationPoints&);
+
+namespace {
+
+template <class Real>
+SlotModel<Real> build_model(const Approximation& field, IntegrationPoints& points, const Constraints& constraints, Springs springs, const Loads& loads, const SolverOptions& options, Solution& solution) {
+  const Cloud& cloud = field.cloud();
+  Stopwatch watch(solution.seconds);
+  SlotModel<Real> model = build_base_model<Real>(field, points);
+  const std::size_t slots = model.position.size();
   solution.points_per_node = points_per_node(model.supports, model.layout, points);
   if (options.stabilisation > 0) add_stabilisation(field, model.supports, model.layout, points, solution.points_per_node, options.stabilisation, springs);
   watch.lap("shape functions");
   require_held(model, cloud, constraints, springs);
-  if (field.averages_pressure()) model.nodal_pressure = std::make_unique<NodalPressure<Real>>(model.supports, points);
   if (springs.size() > 0) model.springs = std::make_unique<SpringForces<Real>>(springs, model.layout);
   model.constraints = std::make_unique<ConstraintOperator<Real>>(field, model.layout, constraints);
 
@@ -206,7 +219,12 @@ SlotModel<Real> build_model(const Approximation& field, IntegrationPoints& point
   model.watched.resize(slots);
   for (std::size_t s = 0; s < slots; ++s) model.watched[s] = inside[s] >= fair;
 
-  model.forces = std::make_unique<CpuForces<Real>>(model.supports, model.layout, points);
+  if (loads.any()) {
+    model.external = NodalField<Real>(slots);
+    for (const auto& [name, force] : nodal_forces(field, loads, lumped_mass(field, points)))
+      for (std::size_t n = 0; n < cloud.size(); ++n)
+        for (int c = 0; c < 3; ++c) model.external.at(std::size_t(model.layout.slot_of_node[n]), c) += Real(force[n][c]);
+  }
   watch.lap("model");
   const double spacing = std::cbrt([&] { double v = 0; for (double w : points.volume) v += w; return v; }() / double(cloud.size()));
   std::vector<Vec3d> held;
@@ -234,7 +252,8 @@ SlotModel<Real> build_model(const Approximation& field, IntegrationPoints& point
   return model;
 }
 
-/// Strain energy [mN mm] in double, and the points' volume ratios.
+}  // namespace
+
 template <class Real>
 void measure_state(const SlotModel<Real>& model, const NodalField<Real>& u, Solution& solution, Vec3d& worst_place) {
   const SupportTable& t = model.supports;
@@ -259,6 +278,10 @@ void measure_state(const SlotModel<Real>& model, const NodalField<Real>& u, Solu
   worst_place = points.position[worst];
   solution.inverted_points = std::size_t(std::count_if(ratio.begin(), ratio.end(), [](double r) { return r <= 0; }));
 }
+
+template void measure_state<double>(const SlotModel<double>&, const NodalField<double>&, Solution&, Vec3d&);
+
+namespace {
 
 /// Linear-elastic start in `fewest_increments` load increments, and more, each linearised about the last, when one leaves points (nearly)
 /// inside out. The coarse matrix is left assembled at the start. Returns the products with the stiffness matrix.
@@ -293,9 +316,9 @@ int start_two_level(SlotModel<Real>& model, const SolverOptions& options, int fe
 }
 
 template <class Real>
-Solution solve_with(const Approximation& field, IntegrationPoints& points, const Constraints& constraints, const Springs& springs, const SolverOptions& options) {
+Solution solve_with(const Approximation& field, IntegrationPoints& points, const Constraints& constraints, const Springs& springs, const Loads& loads, const SolverOptions& options) {
   Solution solution;
-  SlotModel<Real> model = build_model<Real>(field, points, constraints, springs, options, solution);
+  SlotModel<Real> model = build_model<Real>(field, points, constraints, springs, loads, options, solution);
   solution.points = points.size(), solution.stencils = std::size_t(model.supports.num_stencils());
   solution.enlarged_supports = model.supports.enlarged, solution.dropped_points = model.supports.dropped.size();
   Stopwatch watch(solution.seconds);
@@ -354,12 +377,12 @@ Solution solve_with(const Approximation& field, IntegrationPoints& points, const
 
 }  // namespace
 
-Solution solve(const Approximation& field, IntegrationPoints points, const Constraints& constraints, const SolverOptions& options, const Springs& springs) {
+Solution solve(const Approximation& field, IntegrationPoints points, const Constraints& constraints, const SolverOptions& options, const Springs& springs, const Loads& loads) {
   const bool held_by_springs = std::any_of(springs.set.begin(), springs.set.end(), [](int s) { return s >= 0; });
   require(!constraints.node.empty() || held_by_springs, "there are no prescribed displacements: nothing moves the body; give at least one rigid body or constraint");
   points = long_term(std::move(points));
-  return options.double_precision ? solve_with<double>(field, points, constraints, springs, options)
-                                  : solve_with<float>(field, points, constraints, springs, options);
+  return options.double_precision ? solve_with<double>(field, points, constraints, springs, loads, options)
+                                  : solve_with<float>(field, points, constraints, springs, loads, options);
 }
 
 bool displacement_at(const Approximation& field, const std::vector<Vec3d>& parameter, const Vec3d& x, Vec3d& u) {

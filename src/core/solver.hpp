@@ -7,6 +7,7 @@
 
 #include "core/cloud.hpp"
 #include "core/approximation.hpp"
+#include "core/loads.hpp"
 #include "core/springs.hpp"
 
 namespace mtled {
@@ -63,13 +64,13 @@ struct Solution {
   std::vector<HistoryEntry> history;
 };
 
-/// Static equilibrium of the body under prescribed displacements and springs, all else free of load; of a viscoelastic body
-/// with its long-term moduli.
+/// Static equilibrium of the body under prescribed displacements, springs and loads; of a viscoelastic body with its
+/// long-term moduli.
 /// Input errors: no constraints, too few to hold the body, or no free node; numerical errors: divergence, inverted points
 /// at the end (with position and remedy). Without convergence within max_steps the result says so and holds the state
 /// reached.
 Solution solve(const Approximation& field, IntegrationPoints points, const Constraints& constraints, const SolverOptions& options,
-               const Springs& springs = {});
+               const Springs& springs = {}, const Loads& loads = {});
 
 /// u(x) of a solution [mm]; false where the cloud has no usable support.
 bool displacement_at(const Approximation& field, const std::vector<Vec3d>& parameter, const Vec3d& x, Vec3d& u);

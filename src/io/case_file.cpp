@@ -7,6 +7,7 @@
 #include <unordered_map>
 
 #include "core/material.hpp"
+#include "io/dynamics_case.hpp"
 #include "io/tables.hpp"
 #include "io/toml_reader.hpp"
 
@@ -184,12 +185,24 @@ SolveCase read_case(const std::filesystem::path& path) {
   }
 
   TomlSection constraints(root.section("constraints"), file, "constraints");
-  result.constraints = read_constraints(beside(constraints.required_text("file")), result.cloud.size());
+  if (root.has("constraints") || !root.has("dynamics"))  // a body in motion need not be held
+    result.constraints = read_constraints(beside(constraints.required_text("file")), result.cloud.size());
   constraints.finish();
 
   TomlSection probes(root.section("probes"), file, "probes");
   if (root.has("probes")) result.probes = read_points(beside(probes.required_text("file")));
   probes.finish();
+
+  TomlSection loads(root.section("loads"), file, "loads");
+  result.loads = read_loads(loads, path.parent_path());
+  loads.finish();
+
+  TomlSection dynamics(root.section("dynamics"), file, "dynamics");
+  if (root.has("dynamics")) {
+    result.dynamics = read_dynamics(dynamics, path.parent_path());
+    require(!root.has("solver"), file, ": the settings of [solver] belong to the search for equilibrium, and [dynamics] computes the motion in time; remove one of them");
+  }
+  dynamics.finish();
 
   TomlSection shapes(root.section("shape_functions"), file, "shape_functions");
   const std::string basis = shapes.value<std::string>("basis", "linear");

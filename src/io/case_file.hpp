@@ -1,8 +1,10 @@
 #pragma once
 #include <filesystem>
+#include <optional>
 #include <vector>
 
 #include "core/cloud.hpp"
+#include "core/dynamics.hpp"
 #include "core/finite_elements.hpp"
 #include "core/shape_evaluator.hpp"
 #include "core/solver.hpp"
@@ -21,6 +23,8 @@ struct SolveCase {
   double hourglass = 0.02;     ///< of hexahedra
   bool nodal_pressure = false; ///< of tetrahedra
   SolverOptions solver;
+  Loads loads;
+  std::optional<DynamicsOptions> dynamics;  ///< absent: static equilibrium
 };
 
 /// What the case is discretised with: moving least squares or finite elements, and the springs that stabilise them.
