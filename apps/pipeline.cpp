@@ -19,11 +19,15 @@ constexpr double noticeable_overlap = 0.05, impossible_overlap = 0.3;  ///< of a
 
 std::vector<TissueProperties> read_tissue_table(const std::filesystem::path& path) {
   const Table table = Table::read(path);
-  const int name = table.column("name"), modulus = table.column("shear_modulus_kpa");
+  const int name = table.column("name"), modulus = table.column("shear_modulus_kpa"), poisson = table.has("poisson_ratio") ? table.column("poisson_ratio") : -1;
   std::vector<TissueProperties> tissues;
   for (std::size_t r = 0; r < table.rows(); ++r) {
     tissues.push_back({std::string(table.text(r, name)), table.number(r, modulus)});
     require(tissues.back().shear_modulus_kpa > 0, table.place(r), ": shear_modulus_kpa is ", tissues.back().shear_modulus_kpa, "; it must be positive");
+    if (poisson < 0) continue;
+    const double ratio = table.number(r, poisson);
+    require(ratio >= 0 && ratio < 0.5, table.place(r), ": poisson_ratio is ", ratio, "; it must be at least 0 and below 0.5 (0.49 is usual, lung has less)");
+    tissues.back().poisson_ratio = ratio;
   }
   return tissues;
 }
@@ -125,7 +129,7 @@ void add_tissue_options(CLI::App& verb, TissueOptions& o) {
   verb.add_option("--classes", o.fuzzy.classes, "number of fuzzy tissue classes")->check(from_to(2, 100))->capture_default_str();
   verb.add_option("--class-centers", o.fuzzy.fixed_centers, "fixed class centres [intensity] instead of fuzzy c-means");
   verb.add_option("--fuzziness", o.fuzzy.fuzziness, "exponent q > 1 of fuzzy c-means")->check(from_to(1.01, 20))->capture_default_str();
-  verb.add_option("--tissue-table", o.tissue_table, "CSV with name,shear_modulus_kpa, one row per class by rising intensity")->type_name("FILE");
+  verb.add_option("--tissue-table", o.tissue_table, "CSV with name,shear_modulus_kpa and perhaps poisson_ratio, one row per class by rising intensity")->type_name("FILE");
 }
 
 Tissue find_tissue(const Image& moving, const TissueOptions& options, const CommonOptions& common) {
@@ -151,6 +155,7 @@ Tissue find_tissue(const Image& moving, const TissueOptions& options, const Comm
   tissue.classes = fuzzy_c_means(histogram(moving, tissue.body, 1.0), fuzzy);
   if (!tissue.classes->converged) warn("fuzzy c-means did not converge; class centres may be off");
   tissue.shear_modulus = shear_modulus_map(moving, tissue.body, *tissue.classes, tissue.table);
+  if (tissue.table.front().poisson_ratio) tissue.bulk_modulus = bulk_modulus_map(moving, tissue.body, *tissue.classes, tissue.table);
   return tissue;
 }
 
@@ -160,6 +165,8 @@ Json describe(const Tissue& tissue) {
   if (!tissue.classes) return j;
   for (std::size_t c = 0; c < tissue.classes->centers.size(); ++c)
     j["classes"].push_back({{"center", tissue.classes->centers[c]}, {"tissue", tissue.table[c].name}, {"shear_modulus_kpa", tissue.table[c].shear_modulus_kpa}});
+  if (tissue.bulk_modulus)
+    for (std::size_t c = 0; c < tissue.classes->centers.size(); ++c) j["classes"][c]["poisson_ratio"] = *tissue.table[c].poisson_ratio;
   j["fuzziness"] = tissue.classes->fuzziness;
   j["iterations"] = tissue.classes->iterations;
   return j;
@@ -225,7 +232,7 @@ void compare_with_body(const Mask& body, BoneLoads& loads) {
 
 void add_mechanics_options(CLI::App& verb, MechanicsOptions& o) {
   verb.add_option("--node-spacing", o.sampling.node_spacing_mm, "distance of the nodes [mm]")->check(positive())->capture_default_str();
-  verb.add_option("--poisson-ratio", o.sampling.poisson_ratio, "of all tissue")->check(at_least_and_below(0, 0.5))->capture_default_str();
+  verb.add_option("--poisson-ratio", o.sampling.poisson_ratio, "of all tissue to which --tissue-table gives none")->check(at_least_and_below(0, 0.5))->capture_default_str();
   const std::map<std::string, Basis> bases{{"linear", Basis::linear}, {"quadratic", Basis::quadratic}, {"modified-quadratic", Basis::modified_quadratic}};
   verb.add_option("--basis", o.shapes.basis, "moving least squares: linear, quadratic or modified-quadratic")->transform(CLI::CheckedTransformer(bases))->default_str("linear");
   verb.add_option("--dilatation", o.shapes.dilatation, "support radius in node spacings (about 2.25 for the quadratic bases)")->check(from_to(1.05, 4))->capture_default_str();
@@ -246,7 +253,7 @@ void require_memory(const Mask& body, double spacing) {
 Deformation::Deformation(const Tissue& tissue, const BoneLoads& loads, const MechanicsOptions& options, const CommonOptions& common) {
   announce(common, "placing nodes and integration points");
   const double spacing = options.sampling.node_spacing_mm;
-  body_ = sample_body(tissue.body, tissue.shear_modulus, loads.labels, loads.motions, options.sampling);
+  body_ = sample_body(tissue.body, tissue.shear_modulus, loads.labels, loads.motions, options.sampling, tissue.bulk_modulus ? &*tissue.bulk_modulus : nullptr);
   for (int label : body_.labels_without_nodes) warn(concatenate("label ", label, " holds no node at a spacing of ", spacing, " mm and does not move the body; use a smaller --node-spacing"));
   std::vector<std::uint8_t> prescribed(body_.cloud.size(), 0);
   for (int n : body_.constraints.node) prescribed[std::size_t(n)] = 1;

@@ -27,6 +27,7 @@ void add_tissue_options(CLI::App& verb, TissueOptions& options);
 struct Tissue {
   Mask body;
   Image shear_modulus;                        ///< [kPa], 0 outside the body
+  std::optional<Image> bulk_modulus;          ///< [kPa]; absent: from one Poisson ratio of all tissue
   std::optional<FuzzyClasses> classes;        ///< absent when a modulus image was given
   std::vector<TissueProperties> table;
 };

@@ -215,6 +215,7 @@ TEST_F(BadInput, OtherTablesAndImages) {
   refused({{"--points", file("p.csv", "x,y,z\n1,2,here\n")}}, input, {"p.csv, line 2", "'z'", "here"});
   refused({{"--tissue-table", file("t.csv", "name,shear_modulus_kpa\nfat,1\n")}}, input, {"8 tissue classes", "1 rows"});
   refused({{"--tissue-table", file("t2.csv", "name,shear_modulus_kpa\nfat,-1\n")}}, input, {"t2.csv, line 2", "positive"});
+  refused({{"--tissue-table", file("t3.csv", "name,shear_modulus_kpa,poisson_ratio\nfat,1,0.5\n")}}, input, {"t3.csv, line 2", "poisson_ratio is 0.5", "below 0.5"});
   write_image(file("mu.nii.gz"), Image(torso::straight_grid(), -1));
   refused({{"--shear-modulus", file("mu.nii.gz")}}, input, {"shear modulus image", "negative"});
   write_image(file("zero.nii.gz"), Image(torso::straight_grid()));

@@ -320,6 +320,28 @@ TEST(SampleBody, EveryPointHasAGoodSupport) {
   EXPECT_LT(enlarged, 0.01 * double(s.points.size()));  // completed corners make enlargement the exception
 }
 
+TEST(SampleBody, BulkModulusIsTheMeanOfItsImageInsideTheBody) {
+  // An image that is k of nu = 0.3 everywhere gives what the option gives; one that jumps gives the mean of mixed cells.
+  const auto halves = [](const Vec3d& x) { return x.x < 0 ? 1.0 : 3.0; };
+  Images images(plain_grid(), ball_at({}), halves);
+  const auto with_bulk = [&](double left, double right) {
+    Image bulk = images.modulus;
+    for (float& m : bulk.data) m = m > 2 ? float(3 * right) : float(left);
+    return sample_body(images.body, images.modulus, images.labels, images.motions, images.options, &bulk).points;
+  };
+  images.options.poisson_ratio = 0.3;
+  const IntegrationPoints plain = images.sample().points, same = with_bulk(bulk_modulus(1, 0.3), bulk_modulus(1, 0.3)), mixed = with_bulk(2, 50);
+  ASSERT_EQ(same.size(), plain.size());
+  int between = 0;
+  for (std::size_t p = 0; p < plain.size(); ++p) {
+    EXPECT_NEAR(same.bulk_modulus[p], plain.bulk_modulus[p], 1e-6 * plain.bulk_modulus[p]);
+    const double share = (mixed.shear_modulus[p] - 1) / 2;  // of the right half in the cell
+    EXPECT_NEAR(mixed.bulk_modulus[p], 2 * (1 - share) + 150 * share, 1e-4);
+    between += share > 0.1 && share < 0.9;
+  }
+  EXPECT_GT(between, 10);
+}
+
 TEST(SampleBody, ErrorsSayWhatIsWrong) {
   const auto error = [](const Images& images) {
     Failure failure{};

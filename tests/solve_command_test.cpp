@@ -1,5 +1,7 @@
 #include <nlohmann/json.hpp>
 
+#include <sstream>
+
 #include "core/material.hpp"
 #include "io/tables.hpp"
 #include "program.hpp"
@@ -163,8 +165,82 @@ TEST_F(Solve, MaterialsThatMakeNoSense) {
       write_case("", "", std::string(key) + " = " + value + "\n");
       refused(input, {key, "positive"});
     }
-  write_case("", "", "model = \"ogden\"\n");
-  refused(input, {"ogden", "neo-hookean"});
+  const auto refuse = [&](const std::string& material, const Strings& parts) {
+    write_case("", "", material);
+    refused(input, parts);
+  };
+  refuse("model = \"steel\"\n", {"steel", "neo-hookean", "ogden"});
+  refuse("model = \"ogden\"\n", {"needs ogden_exponent", "column"});
+  refuse("model = \"ogden\"\nogden_exponent = 0.0\n", {"ogden_exponent is 0", "from 0.1"});
+  refuse("model = \"ogden\"\nogden_exponent = nan\n", {"ogden_exponent is nan"});
+  refuse("model = \"neo-hookean\"\nogden_exponent = 2.0\n", {"ogden_exponent", "not a known setting"});
+  refuse("model = \"mooney-rivlin\"\nc10_kpa = 1.0\nc01_kpa = -0.5\n", {"c01_kpa -0.5", "negative"});
+  refuse("model = \"mooney-rivlin\"\nc10_kpa = 0.0\nc01_kpa = 0.0\n", {"c10_kpa is 0", "positive"});
+  refuse("model = \"yeoh\"\nc1_kpa = 1.0\nc2_kpa = -0.4\nc3_kpa = 0.05\n", {"c2 above", "softens"});
+  refuse("model = \"yeoh\"\nc1_kpa = -1.0\nc2_kpa = 0.0\n", {"c1 must be positive"});
+  const std::string fibres = "model = \"transversely-isotropic\"\nfibre_modulus_kpa = ";
+  refuse(fibres + "1.0\n", {"needs fibre_x", "fibre = [x, y, z]"});
+  refuse(fibres + "1.0\nfibre = [0, 0, 0]\n", {"fibre", "no direction"});
+  refuse(fibres + "1.0\nfibre = [0, 1]\n", {"fibre", "three numbers"});
+  refuse(fibres + "-1.0\nfibre = [0, 0, 1]\n", {"fibre_modulus_kpa is -1"});
+  refuse("prony = [{ alpha = 1.0, tau_s = 1.0 }]\n", {"prony[0].alpha", "below 1"});
+  refuse("prony = [{ alpha = nan, tau_s = 1.0 }]\n", {"prony[0].alpha", "below 1"});
+  refuse("prony = [{ alpha = 0.5, tau_s = 1.0 }, { alpha = 0.5, tau_s = 2.0 }]\n", {"sum to 1", "below 1"});
+  refuse("prony = [{ alpha = 0.5 }]\n", {"prony[0].tau_s", "positive"});
+  refuse("prony = [{ alpha = 0.5, tau_s = -1.0 }]\n", {"prony[0].tau_s", "positive"});
+  refuse("prony = [{ alpha = 0.5, tau_s = 1.0, beta = 2.0 }]\n", {"beta", "not a known setting"});
+  refuse("prony = []\n", {"0 terms"});
+}
+
+TEST_F(Solve, ColumnsOfThePointsOverrideTheMaterial) {
+  // All ways of saying mu = 2, k = 2 mu (1 + 0.3) / (3 (1 - 0.6)): the same bits.
+  const std::string plain = program::content(file("points.csv"));
+  const auto with_columns = [&](const std::string& names, const std::string& values) {
+    std::string text;
+    std::istringstream lines(plain);
+    for (std::string line; std::getline(lines, line);) text += line + "," + (text.empty() ? names : values) + "\n";
+    file("points.csv", text);
+  };
+  const auto result = [&](const std::string& material) {
+    write_case("", "lattice = { origin = [0.0, 0.0, 0.0], spacing = 5.0 }\n", material);
+    const Outcome outcome = run({"--force"});
+    EXPECT_EQ(outcome.code, 0) << outcome.err;
+    return program::content(out("nodes.csv"));
+  };
+  const std::string expected = result("shear_modulus_kpa = 2.0\npoisson_ratio = 0.3\n");
+  with_columns("poisson_ratio", "0.3");
+  EXPECT_EQ(result("shear_modulus_kpa = 2.0\n"), expected);
+  EXPECT_EQ(result("shear_modulus_kpa = 2.0\nbulk_modulus_kpa = 70.0\n"), expected);
+  with_columns("shear_modulus_kpa,poisson_ratio", "2,0.3");
+  EXPECT_EQ(result(""), expected);
+  with_columns("c10_kpa,c01_kpa,poisson_ratio", "0.5,0.5,0.3");
+  const std::string mooney = result("model = \"mooney-rivlin\"\n");
+  EXPECT_EQ(result("model = \"mooney-rivlin\"\nc10_kpa = 7.0\nc01_kpa = 0.0\n"), mooney);
+  EXPECT_NE(mooney, expected);
+  with_columns("fibre_modulus_kpa,fibre_x,fibre_y,fibre_z", "4,0,0,2");
+  const std::string fibres = "model = \"transversely-isotropic\"\nshear_modulus_kpa = 2.0\n";
+  const std::string along_z = result(fibres);
+  file("points.csv", plain);
+  EXPECT_EQ(result(fibres + "fibre_modulus_kpa = 4.0\nfibre = [0, 0, 1]\n"), along_z);
+  EXPECT_NE(result(fibres + "fibre_modulus_kpa = 4.0\nfibre = [1, 0, 0]\n"), along_z);
+  // Memory with the same share in both parts scales the forces alone.
+  const nlohmann::json elastic = (result("shear_modulus_kpa = 2.0\n"), summary());
+  result("shear_modulus_kpa = 2.0\nprony = [{ alpha = 0.25, alpha_volumetric = 0.25, tau_s = 1.0 }, { alpha = 0.25, alpha_volumetric = 0.25, tau_s = 10.0 }]\n");
+  EXPECT_NEAR(summary()["strain_energy_mN_mm"].get<double>(), 0.5 * elastic["strain_energy_mN_mm"].get<double>(), 1e-4 * elastic["strain_energy_mN_mm"].get<double>());
+}
+
+TEST_F(Solve, MaterialsOfPointsThatMakeNoSense) {
+  const auto refuse = [&](const std::string& columns, const std::string& row, const std::string& material, const Strings& parts) {
+    file("points.csv", "x,y,z,volume," + columns + "\n1,1,1,1," + row + "\n");
+    write_case("", "", material);
+    refused(input, parts);
+  };
+  for (const char* ratio : {"0.5", "-0.1"}) refuse("poisson_ratio", ratio, "", {"points.csv, line 2", "poisson_ratio", "below 0.5"});
+  refuse("poisson_ratio,bulk_modulus_kpa", "0.3,5", "", {"points.csv", "same thing", "keep one"});
+  refuse("ogden_exponent", "0", "model = \"ogden\"\n", {"points.csv, line 2", "ogden_exponent is 0"});
+  refuse("c01_kpa", "-1", "model = \"mooney-rivlin\"\nc10_kpa = 2.0\n", {"points.csv, line 2", "c01_kpa -1"});
+  refuse("c2_kpa", "-1", "model = \"yeoh\"\nc1_kpa = 2.0\n", {"points.csv, line 2", "c2_kpa"});
+  refuse("fibre_x,fibre_y,fibre_z", "0,0,0", "model = \"transversely-isotropic\"\nfibre_modulus_kpa = 2.0\n", {"points.csv, line 2", "no direction"});
 }
 
 TEST_F(Solve, TablesThatMakeNoSense) {

@@ -217,6 +217,18 @@ TEST(ShearModulus, ResolvesSmallAndLargeIntensityRanges) {
   }
 }
 
+TEST(BulkModulus, IsTheMembershipWeightedMeanOfTheClasses) {
+  const std::vector<TissueProperties> table{{"lung", 1, false, 0.2}, {"muscle", 4, false, 0.49}};
+  const Image image = image_of({0, 25, 100});
+  const Image bulk = bulk_modulus_map(image, everywhere(image), classes_at({0, 100}), table);
+  const double lung = 2 * 1.2 / (3 * 0.6), muscle = 2 * 4 * 1.49 / (3 * 0.02);
+  EXPECT_NEAR(bulk.data[0], lung, 1e-6 * lung);
+  EXPECT_NEAR(bulk.data[1], 0.9 * lung + 0.1 * muscle, 1e-6 * muscle);  // u as above
+  EXPECT_NEAR(bulk.data[2], muscle, 1e-6 * muscle);
+  const std::string message = error_of([&] { bulk_modulus_map(image, everywhere(image), classes_at({0, 100}), {{"lung", 1, false, 0.2}, {"muscle", 4}}); });
+  EXPECT_NE(message.find("tissue 'muscle' has no Poisson ratio"), std::string::npos) << message;
+}
+
 TEST(ShearModulus, ExplainsBadTables) {
   const Image image = image_of({0, 1});
   const auto map = [&](const std::vector<TissueProperties>& table) {

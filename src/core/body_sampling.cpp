@@ -20,12 +20,13 @@ constexpr int samples_per_subcell = 4;                     ///< along each axis 
 struct CellSum {
   int inside = 0, with_modulus = 0;
   Vec3d position{};
-  double modulus = 0;
+  double modulus = 0, bulk_modulus = 0;
 };
 
 class Sampler {
  public:
-  Sampler(const Mask& body, const Image& modulus, const Lattice& lattice) : body_(body), modulus_(modulus), lattice_(lattice) {}
+  /// `bulk_modulus` may be null.
+  Sampler(const Mask& body, const Image& modulus, const Lattice& lattice, const Image* bulk_modulus = nullptr) : body_(body), modulus_(modulus), bulk_modulus_(bulk_modulus), lattice_(lattice) {}
 
   bool inside(const Vec3d& x) const { return nearest_value<std::uint8_t>(body_, x, 0) != 0; }
   void add(const Vec3d& x, CellSum& sum) const {
@@ -33,7 +34,10 @@ class Sampler {
     ++sum.inside;
     sum.position += x;
     const float m = nearest_value<float>(modulus_, x, 0.0f);
-    if (m > 0) ++sum.with_modulus, sum.modulus += double(m);
+    if (m > 0) {
+      ++sum.with_modulus, sum.modulus += double(m);
+      if (bulk_modulus_) sum.bulk_modulus += double(nearest_value<float>(*bulk_modulus_, x, 0.0f));
+    }
   }
   /// Position of sample s of n along a cell that starts at c (lattice coordinates) and has edge e.
   double along(int axis, double c, double e, int s, int n) const { return lattice_.origin[axis] + lattice_.spacing * (c + e * (s + 0.5) / n); }
@@ -41,6 +45,7 @@ class Sampler {
  private:
   const Mask& body_;
   const Image& modulus_;
+  const Image* bulk_modulus_;
   const Lattice& lattice_;
 };
 
@@ -142,7 +147,7 @@ void append_point(const CellSum& sum, int samples, double cell_volume, const Sam
   points.position.push_back(x);
   points.volume.push_back(cell_volume * sum.inside / samples);
   points.shear_modulus.push_back(mu);
-  points.bulk_modulus.push_back(bulk_modulus(mu, options.poisson_ratio));
+  points.bulk_modulus.push_back(sum.bulk_modulus > 0 ? sum.bulk_modulus / sum.with_modulus : bulk_modulus(mu, options.poisson_ratio));
   points.density.push_back(options.density);
 }
 
@@ -229,7 +234,7 @@ IntegrationPoints place_points(const Cloud& cloud, const std::vector<Cell>& kind
 
 }  // namespace
 
-SampledBody sample_body(const Mask& body, const Image& shear_modulus, const LabelImage& labels, const std::vector<LabelMotion>& motions, const SamplingOptions& options) {
+SampledBody sample_body(const Mask& body, const Image& shear_modulus, const LabelImage& labels, const std::vector<LabelMotion>& motions, const SamplingOptions& options, const Image* bulk_modulus) {
   require(options.node_spacing_mm > 0, "the node spacing is ", options.node_spacing_mm, " mm; it must be positive");
   require(options.poisson_ratio >= 0 && options.poisson_ratio < 0.5, "the Poisson ratio is ", options.poisson_ratio, "; it must be at least 0 and below 0.5");
   std::map<int, const RigidMotion*> motion_of;
@@ -256,7 +261,7 @@ SampledBody sample_body(const Mask& body, const Image& shear_modulus, const Labe
   const Lattice& placed = *result.cloud.lattice;
   for (std::size_t n = 0; n < label.size(); ++n)
     if (placed.node_at[n] < 0) label[n] = 0;
-  result.points = place_points(result.cloud, classify_cells(result.cloud, label), Sampler(body, shear_modulus, placed), options);
+  result.points = place_points(result.cloud, classify_cells(result.cloud, label), Sampler(body, shear_modulus, placed, bulk_modulus), options);
 
   std::map<int, int> set_of;
   for (const auto& [value, motion] : motion_of) {

@@ -30,9 +30,10 @@ struct SampledBody {
 ///  - Points: cells of 4/5 x 4/5 x 3/4 node spacings (2.08 per node), each at the centroid of its part inside the body and
 ///    weighted by its volume; lattice cells that touch a prescribed node are cut into 2 x 2 x 2 sub-cells instead, and
 ///    those that are wholly one rigid body need none.
-///  - Modulus: arithmetic mean of `shear_modulus` [kPa] over the part inside the body.
+///  - Moduli: arithmetic means of `shear_modulus` and `bulk_modulus` [kPa] over the part inside the body; without the latter,
+///    the bulk modulus follows from the Poisson ratio of the options.
 /// Input errors: empty mask, too few nodes, a label of `motions` that no voxel has, modulus not positive in the body.
 SampledBody sample_body(const Mask& body, const Image& shear_modulus, const LabelImage& labels,
-                        const std::vector<LabelMotion>& motions, const SamplingOptions& options);
+                        const std::vector<LabelMotion>& motions, const SamplingOptions& options, const Image* bulk_modulus = nullptr);
 
 }  // namespace mtled

@@ -175,7 +175,8 @@ DynamicsResult run_dynamics(const Approximation& field, IntegrationPoints points
       const double factor = history->at(t);
       each_parameter(slots, [&](int c, std::size_t s) { R.at(s, c) += factor * force.at(s, c); });
     }
-    model.forces->force(u, f);
+    model.forces->force_in_time(u, n == 0 ? 0 : dt, f);
+    if (model.nodal_pressure) model.nodal_pressure->add_force(u, f);
     for (const SpringSet& s : spring_sets) s.forces.add_force(u, s.load(t), f);
     each_parameter(slots, [&](int c, std::size_t s) { next.at(s, c) = keep * d.at(s, c) + push * inverse_mass[s] * (R.at(s, c) - f.at(s, c)); });
     std::vector<Vec3d> next_value = prescribed_at(t + dt);

@@ -5,6 +5,7 @@
 #include <numeric>
 
 #include "core/error.hpp"
+#include "core/material.hpp"
 #include "core/parallel.hpp"
 
 namespace mtled {
@@ -184,8 +185,12 @@ std::vector<TissueProperties> default_tissue_table() {
           {"ligament", 3.57, false}, {"muscle", 4.05, false}, {"bone 1", 40.5, true},  {"bone 2", 40.5, true}};
 }
 
-Image shear_modulus_map(const Image& image, const Mask& mask, const FuzzyClasses& classes,
-                        const std::vector<TissueProperties>& table) {
+namespace {
+
+/// Membership-weighted mean of modulus_of(tissue).
+template <class ModulusOf>
+Image modulus_map(const Image& image, const Mask& mask, const FuzzyClasses& classes,
+                  const std::vector<TissueProperties>& table, const ModulusOf& modulus_of) {
   require(table.size() == classes.centers.size(), "the tissue table has ", table.size(), " rows for ",
           classes.centers.size(), " classes; give one row per class, in the order of their intensity");
   for (const auto& tissue : table)
@@ -195,9 +200,24 @@ Image shear_modulus_map(const Image& image, const Mask& mask, const FuzzyClasses
   return look_up<float>(image, mask, classes, [&](double intensity) {
     memberships(classes, intensity, u.data());
     double modulus = 0;
-    for (std::size_t j = 0; j < table.size(); ++j) modulus += u[j] * table[j].shear_modulus_kpa;
+    for (std::size_t j = 0; j < table.size(); ++j) modulus += u[j] * modulus_of(table[j]);
     return float(modulus);
   });
+}
+
+}  // namespace
+
+Image shear_modulus_map(const Image& image, const Mask& mask, const FuzzyClasses& classes,
+                        const std::vector<TissueProperties>& table) {
+  return modulus_map(image, mask, classes, table, [](const TissueProperties& tissue) { return tissue.shear_modulus_kpa; });
+}
+
+Image bulk_modulus_map(const Image& image, const Mask& mask, const FuzzyClasses& classes,
+                       const std::vector<TissueProperties>& table) {
+  for (const auto& tissue : table)
+    require(tissue.poisson_ratio && *tissue.poisson_ratio >= 0 && *tissue.poisson_ratio < 0.5, "tissue '", tissue.name,
+            "' has no Poisson ratio that is at least 0 and below 0.5; give all tissues one (0.49 is usual), or none");
+  return modulus_map(image, mask, classes, table, [](const TissueProperties& tissue) { return bulk_modulus(tissue.shear_modulus_kpa, *tissue.poisson_ratio); });
 }
 
 LabelImage hard_classes(const Image& image, const Mask& mask, const FuzzyClasses& classes) {

@@ -1,4 +1,5 @@
 #pragma once
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -40,6 +41,7 @@ struct TissueProperties {
   std::string name;              ///< e.g. "muscle"
   double shear_modulus_kpa = 0;  ///< > 0
   bool bone = false;             ///< for information: free bone is 10 x muscle
+  std::optional<double> poisson_ratio{};  ///< [0, 0.5); none: that of all tissue
 };
 /// Table of Li et al. for 8 CT classes: lung 0.53 (x3), fat 1.07, ligament 3.57, muscle 4.05, bone 40.5 (x2) kPa.
 std::vector<TissueProperties> default_tissue_table();
@@ -47,6 +49,9 @@ std::vector<TissueProperties> default_tissue_table();
 /// Membership-weighted shear modulus [kPa] of every voxel inside the mask, 0 outside (a table lookup per voxel).
 Image shear_modulus_map(const Image& image, const Mask& mask, const FuzzyClasses& classes,
                         const std::vector<TissueProperties>& table);
+/// Membership-weighted bulk modulus [kPa], that of each class from its own Poisson ratio, which all must have.
+Image bulk_modulus_map(const Image& image, const Mask& mask, const FuzzyClasses& classes,
+                       const std::vector<TissueProperties>& table);
 /// Number (1..classes) of the class of largest membership inside the mask, 0 outside.
 LabelImage hard_classes(const Image& image, const Mask& mask, const FuzzyClasses& classes);
 

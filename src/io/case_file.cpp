@@ -37,22 +37,140 @@ int whole_number(TomlSection& section, const std::string& key, int otherwise, in
   return int(v);
 }
 
+/// A material law in files: its name and the keys of its parameters. A key without a default must be given, as a key of
+/// [material] or as a column of the points.
+struct LawInFiles {
+  const char* name;
+  MaterialModel model;
+  struct Key {
+    const char* name;
+    std::optional<double> otherwise;
+  };
+  std::vector<Key> keys;
+};
+const std::vector<LawInFiles>& known_laws() {
+  static const std::vector<LawInFiles> laws{
+      {"neo-hookean", MaterialModel::neo_hookean, {{"shear_modulus_kpa", 1.0}}},
+      {"mooney-rivlin", MaterialModel::mooney_rivlin, {{"c10_kpa", {}}, {"c01_kpa", {}}}},
+      {"yeoh", MaterialModel::yeoh, {{"c1_kpa", {}}, {"c2_kpa", {}}, {"c3_kpa", 0.0}}},
+      {"ogden", MaterialModel::ogden, {{"shear_modulus_kpa", 1.0}, {"ogden_exponent", {}}}},
+      {"transversely-isotropic", MaterialModel::transversely_isotropic, {{"shear_modulus_kpa", 1.0}, {"fibre_modulus_kpa", {}}, {"fibre_x", {}}, {"fibre_y", {}}, {"fibre_z", {}}}}};
+  return laws;
+}
+
+/// Shear modulus at rest and further parameters of IntegrationPoints; `place` says where the values come from.
+struct Elasticity {
+  double shear_modulus;
+  std::vector<double> further;
+};
+Elasticity elasticity(MaterialModel model, const std::vector<double>& v, const std::string& place) {
+  const auto shear = [&](double mu) {
+    require(mu > 0 && std::isfinite(mu), place, ": shear_modulus_kpa is ", mu, "; it must be positive and finite");
+    return mu;
+  };
+  switch (model) {
+    case MaterialModel::neo_hookean: return {shear(v[0]), {}};
+    case MaterialModel::mooney_rivlin:
+      require(v[0] >= 0 && v[1] >= 0 && v[0] + v[1] > 0 && std::isfinite(v[0] + v[1]), place, ": c10_kpa is ", v[0], " and c01_kpa ", v[1],
+              "; neither may be negative and one must be positive, else the material is not stable at every stretch");
+      return {2 * (v[0] + v[1]), {v[1]}};
+    case MaterialModel::yeoh:
+      // dW/dI1 = c1 + 2 c2 y + 3 c3 y^2 > 0 for all y >= 0
+      require(v[0] > 0 && v[2] >= 0 && (v[1] >= 0 || v[1] * v[1] < 3 * v[0] * v[2]) && std::isfinite(v[0] + v[1] + v[2]), place, ": c1_kpa, c2_kpa and c3_kpa are ", v[0], ", ", v[1], " and ", v[2],
+              "; c1 must be positive, c3 not negative, and c2 above -sqrt(3 c1 c3), else the material softens until it has no stiffness");
+      return {2 * v[0], {v[1], v[2]}};
+    case MaterialModel::ogden:
+      require(std::abs(v[1]) >= 0.1 && std::abs(v[1]) <= 30, place, ": ogden_exponent is ", v[1], "; its size must be from 0.1 to 30 (brain: -4.7; 2 is neo-Hookean)");
+      return {shear(v[0]), {v[1]}};
+    case MaterialModel::transversely_isotropic: {
+      require(v[1] >= 0 && std::isfinite(v[1]), place, ": fibre_modulus_kpa is ", v[1], "; it must be finite and not negative");
+      const double length = norm(Vec3d{v[2], v[3], v[4]});
+      require(length > 1e-6 && std::isfinite(length), place, ": the fibre (", v[2], ", ", v[3], ", ", v[4], ") has no direction; give one that is longer than 1e-6 (its length does not matter)");
+      return {shear(v[0]), {v[1], v[2] / length, v[3] / length, v[4] / length}};
+    }
+  }
+  fail(Failure::internal, "unknown material model");
+}
+
+/// What [material] says: values of the keys that it has, for points without a column of that name.
 struct MaterialDefaults {
-  double shear_modulus, bulk_modulus, density;
+  const LawInFiles* law;
+  std::vector<std::optional<double>> value;  ///< [keys]
+  std::optional<double> bulk_modulus;
+  double poisson_ratio, density;
+  std::vector<PronyTerm> prony;
 };
 
-MaterialDefaults read_material(TomlSection& section) {
+double checked_poisson_ratio(double ratio, const std::string& place) {
+  require(ratio >= 0 && ratio < 0.5, place, " is ", ratio,
+          "; it must be at least 0 and below 0.5 (0.5, exactly incompressible, has no finite bulk modulus; 0.49 is usual)");
+  return ratio;
+}
+
+std::vector<PronyTerm> read_prony(TomlSection& material, const std::string& file) {
+  std::vector<PronyTerm> prony;
+  const toml::array* terms = material.array("prony");
+  if (!terms) return prony;
+  require(terms->size() >= 1 && terms->size() <= 3, material.place("prony"), " has ", terms->size(), " terms; one to three are possible");
+  for (std::size_t t = 0; t < terms->size(); ++t) {
+    require((*terms)[t].is_table(), material.place("prony"), " must be a list of { alpha = ..., tau_s = ... }");
+    TomlSection section((*terms)[t].as_table(), file, "material.prony[" + std::to_string(t) + "]");
+    PronyTerm term;
+    term.alpha = section.value("alpha", 0.0);
+    term.alpha_volumetric = section.value("alpha_volumetric", 0.0);
+    for (const auto& [key, alpha] : {std::pair("alpha", term.alpha), std::pair("alpha_volumetric", term.alpha_volumetric)})
+      require(alpha >= 0 && alpha < 1, section.place(key), " is ", alpha, "; it must be at least 0 and below 1");
+    require(term.alpha + term.alpha_volumetric > 0, section.place("alpha"), " is 0: the term does nothing; remove it");
+    term.tau = positive_number(section, "tau_s", 0.0);
+    section.finish();
+    prony.push_back(term);
+  }
+  const PronyTerm sum = total(prony);
+  require(sum.alpha < 1 && sum.alpha_volumetric < 1, material.place("prony"), ": the alphas sum to ", std::max(sum.alpha, sum.alpha_volumetric),
+          "; they must stay below 1, else no stiffness is left in the long term");
+  return prony;
+}
+
+MaterialDefaults read_material(TomlSection& section, const std::string& file) {
   const std::string model = section.value<std::string>("model", "neo-hookean");
-  require(model == "neo-hookean", section.place("model"), " is '", model, "'; this version knows: neo-hookean");
   MaterialDefaults m{};
-  m.shear_modulus = positive_number(section, "shear_modulus_kpa", 1.0);
+  std::string names;
+  for (const LawInFiles& law : known_laws()) {
+    names += (names.empty() ? "" : ", ") + std::string(law.name);
+    if (law.name == model) m.law = &law;
+  }
+  require(m.law, section.place("model"), " is '", model, "'; this version knows: ", names);
+  std::optional<Vec3d> fibre;
+  if (m.law->model == MaterialModel::transversely_isotropic)
+    if (const toml::array* components = section.array("fibre")) {
+      require(components->size() == 3, section.place("fibre"), " must be three numbers");
+      fibre.emplace();
+      for (int a = 0; a < 3; ++a) {
+        const auto value = (*components)[std::size_t(a)].value<double>();
+        require(value.has_value(), section.place("fibre"), " must be three numbers");
+        (*fibre)[a] = *value;
+      }
+    }
+  for (std::size_t i = 0; i < m.law->keys.size(); ++i) {
+    const auto& key = m.law->keys[i];
+    const std::string name = key.name;
+    if (name.starts_with("fibre_") && name.size() == 7) m.value.push_back(fibre ? std::optional((*fibre)[int(i) - 2]) : std::nullopt);
+    else if (key.name == std::string("shear_modulus_kpa")) m.value.push_back(positive_number(section, name, *key.otherwise));
+    else m.value.push_back(section.has(name) ? std::optional(section.value(name, 0.0)) : key.otherwise);
+  }
   require(!(section.has("bulk_modulus_kpa") && section.has("poisson_ratio")), section.place("poisson_ratio"),
           " and bulk_modulus_kpa say the same thing; keep one");
-  const double poisson = section.value("poisson_ratio", 0.49);
-  require(poisson >= 0 && poisson < 0.5, section.place("poisson_ratio"), " is ", poisson,
-          "; it must be at least 0 and below 0.5 (0.5, exactly incompressible, has no finite bulk modulus; 0.49 is usual)");
-  m.bulk_modulus = positive_number(section, "bulk_modulus_kpa", bulk_modulus(m.shear_modulus, poisson));
+  m.poisson_ratio = checked_poisson_ratio(section.value("poisson_ratio", 0.49), section.place("poisson_ratio"));
+  if (section.has("bulk_modulus_kpa")) m.bulk_modulus = positive_number(section, "bulk_modulus_kpa", 0.0);
   m.density = positive_number(section, "density_kg_mm3", 1e-6);
+  m.prony = read_prony(section, file);
+  const bool complete = std::all_of(m.value.begin(), m.value.end(), [](const auto& v) { return v.has_value(); });
+  if (complete) {
+    std::vector<double> values;
+    for (const auto& v : m.value) values.push_back(*v);
+    const double mu = elasticity(m.law->model, values, file + ": [material]").shear_modulus;
+    if (!m.bulk_modulus) m.bulk_modulus = bulk_modulus(mu, m.poisson_ratio);
+  }
   return m;
 }
 
@@ -60,20 +178,34 @@ MaterialDefaults read_material(TomlSection& section) {
 IntegrationPoints read_integration_points(const std::filesystem::path& path, const MaterialDefaults& defaults, const FiniteElements* elements) {
   const Table table = Table::read(path);
   IntegrationPoints points;
+  points.model = defaults.law->model;
+  points.prony = defaults.prony;
   const auto place_column = [&](const char* name) { return elements ? -1 : table.column(name); };
   const int x = place_column("x"), y = place_column("y"), z = place_column("z"), volume = place_column("volume");
   const auto optional_column = [&](const char* name) { return table.has(name) ? table.column(name) : -1; };
-  const int shear = optional_column("shear_modulus_kpa"), bulk = optional_column("bulk_modulus_kpa"), density = optional_column("density_kg_mm3");
-  const auto positive = [&](std::size_t row, int column, const char* name, double otherwise) {
-    const double v = column < 0 ? otherwise : table.number(row, column);
+  const int bulk = optional_column("bulk_modulus_kpa"), poisson = optional_column("poisson_ratio"), density = optional_column("density_kg_mm3");
+  require(bulk < 0 || poisson < 0, path.string(), ": the columns poisson_ratio and bulk_modulus_kpa say the same thing; keep one");
+  std::vector<int> column;
+  for (std::size_t i = 0; i < defaults.value.size(); ++i) {
+    const char* name = defaults.law->keys[i].name;
+    column.push_back(optional_column(name));
+    require(column[i] >= 0 || defaults.value[i], "model '", defaults.law->name, "' needs ", name, "; give it in [material]", std::string(name).starts_with("fibre_") && std::string(name).size() == 7 ? " as fibre = [x, y, z]" : "", " or as a column of ", path.string());
+  }
+  const auto positive = [&](std::size_t row, int at, const char* name, double otherwise) {
+    const double v = at < 0 ? otherwise : table.number(row, at);
     require(v > 0, table.place(row), ": ", name, " is ", v, "; it must be positive");
     return v;
   };
+  std::vector<double> value(column.size());
   for (std::size_t r = 0; r < table.rows(); ++r) {
     points.position.push_back(elements ? elements->centres()[r] : Vec3d{table.number(r, x), table.number(r, y), table.number(r, z)});
     points.volume.push_back(elements ? elements->volumes()[r] : positive(r, volume, "volume", 0));
-    points.shear_modulus.push_back(positive(r, shear, "shear_modulus_kpa", defaults.shear_modulus));
-    points.bulk_modulus.push_back(positive(r, bulk, "bulk_modulus_kpa", defaults.bulk_modulus));
+    for (std::size_t i = 0; i < value.size(); ++i) value[i] = column[i] < 0 ? *defaults.value[i] : table.number(r, column[i]);
+    const Elasticity e = elasticity(points.model, value, table.place(r));
+    points.shear_modulus.push_back(e.shear_modulus);
+    points.further.insert(points.further.end(), e.further.begin(), e.further.end());
+    if (poisson >= 0) points.bulk_modulus.push_back(bulk_modulus(e.shear_modulus, checked_poisson_ratio(table.number(r, poisson), table.place(r) + ": poisson_ratio")));
+    else points.bulk_modulus.push_back(positive(r, bulk, "bulk_modulus_kpa", defaults.bulk_modulus.value_or(bulk_modulus(e.shear_modulus, defaults.poisson_ratio))));
     points.density.push_back(positive(r, density, "density_kg_mm3", defaults.density));
   }
   require(points.size() > 0, path.string(), " has no integration points");
@@ -161,7 +293,7 @@ SolveCase read_case(const std::filesystem::path& path) {
   result.cloud = with_context("reading " + node_path.string(), [&] { return make_cloud(read_points(node_path), std::move(lattice)); });
 
   TomlSection material(root.section("material"), file, "material");
-  const MaterialDefaults defaults = read_material(material);
+  const MaterialDefaults defaults = read_material(material, file);
   material.finish();
 
   TomlSection elements(root.section("elements"), file, "elements");
