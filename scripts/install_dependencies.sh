@@ -20,6 +20,7 @@ packages=(
   libcli11-dev libtomlplusplus-dev nlohmann-json3-dev zlib1g-dev      # command line, settings, results
   libinsighttoolkit5-dev                                              # images and rigid registration
   libgtest-dev python3 python3-numpy                                  # tests; Python for the verification cases only
+  python3-meshio                                                      # scripts/mesh_to_case.py and its test
 )
 
 mode=install

@@ -129,6 +129,56 @@ TEST_P(Bases, GradientsAreDifferencesOfValuesInFreeAndCoupledCells) {
   EXPECT_GT(coupled, 10);
 }
 
+TEST_P(Bases, GradientsAreDifferencesOfValuesOnAJitteredCloud) {
+  if (GetParam().basis == Basis::modified_quadratic) GTEST_SKIP() << "the mean radius that scales the penalty varies";
+  const Cloud cloud = scenes::jittered_box(box);
+  constexpr double step = 1e-4, truncation = 1e-5;  // [spacings]; step^2 times third derivatives up to 1000, radii differ by a half
+  for (const int count : {0, GetParam().basis == Basis::linear ? 20 : 45}) {
+    MlsOptions options = GetParam();
+    options.count = count;
+    const ShapeEvaluator evaluator(cloud, {}, options);
+    int compared = 0;
+    for (const Vec3d& x : places_inside(60)) {
+      ShapeFunctions s, up, down;
+      int enlarged = 0, enlarged_up = 0, enlarged_down = 0;
+      ASSERT_TRUE(evaluator.at(x, s, &enlarged));
+      for (int a = 0; a < 3; ++a) {
+        Vec3d d{};
+        d[a] = step * h;
+        ASSERT_TRUE(evaluator.at(x + d, up, &enlarged_up) && evaluator.at(x - d, down, &enlarged_down));
+        if (enlarged_up != enlarged || enlarged_down != enlarged) continue;
+        ++compared;
+        for (std::size_t i = 0; i < s.node.size(); ++i) EXPECT_NEAR(h * s.gradient[i][a], (value_of(up, s.node[i]) - value_of(down, s.node[i])) / (2 * step), truncation);
+      }
+    }
+    EXPECT_GT(compared, 150);
+  }
+}
+
+TEST(ShapeEvaluator, SupportsByCountFollowAGradedCloud) {
+  // Spacing from 1 to 4 mm along x; in the middle everywhere about the wanted number of nodes.
+  std::vector<Vec3d> nodes;
+  for (double x = 0, step = 1; x < 60; x += step, step = 1 + 3 * x / 60)
+    for (double y = 0; y < 24; y += step)
+      for (double z = 0; z < 24; z += step) nodes.push_back({x, y, z});
+  const Cloud cloud = make_cloud(nodes, std::nullopt);
+  for (const int count : {16, 25}) {
+    MlsOptions options;
+    options.count = count;
+    const ShapeEvaluator evaluator(cloud, {}, options);
+    double sum = 0;
+    int places = 0;
+    for (double x = 6; x < 50; x += 1.7)
+      for (double y = 9.1; y < 15; y += 1.3, ++places) {
+        ShapeFunctions s;
+        ASSERT_TRUE(evaluator.at({x, y, 12.3}, s));
+        sum += double(s.node.size());
+        EXPECT_LT(s.node.size(), std::size_t(2 * count));
+      }
+    EXPECT_NEAR(sum / places, count, 0.2 * count);
+  }
+}
+
 TEST(ShapeEvaluator, CellsWithAllCornersPrescribedAreTrilinear) {
   const Cloud cloud = scenes::lattice_box(box);
   const ShapeEvaluator evaluator(cloud, std::vector<std::uint8_t>(cloud.size(), 1), {});

@@ -278,6 +278,16 @@ TEST_F(Solve, CasesThatMakeNoSense) {
   }
   write_case("[shape_functions]\ndilatation = 1.0\n");
   refused(input, {"shape_functions.dilatation"});
+  for (const char* setting : {"support = \"area\"", "count = 20", "support = \"count\"", "support = \"count\"\ncount = 20\ndilatation = 1.75"}) {
+    write_case(std::string("[shape_functions]\n") + setting + "\n", "");
+    refused(input, {std::string("shape_functions.") + (setting[0] == 'c' ? "count" : "support")});
+  }
+  for (const char* count : {"9", "201", "-1"}) {
+    write_case(std::string("[shape_functions]\nsupport = \"count\"\ncount = ") + count + "\n", "");
+    refused(input, {"shape_functions.count"});
+  }
+  write_case("[shape_functions]\nsupport = \"count\"\ncount = 20\n");
+  refused(input, {"shape_functions.support", "no lattice"});
   write_case("", "lattice = { origin = [0.0, 0.0, 0.0], spacing = 4.0 }\n");
   refused(input, {"not on the promised lattice"});
   write_case("", "lattice = { origin = [0.0, 0.0], spacing = 5.0 }\n");

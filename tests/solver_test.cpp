@@ -525,7 +525,10 @@ TEST(Stabilisation, PointsPerNodeAreThoseOfTheCells) {
     const SlotLayout layout = make_slot_layout(scene.cloud, 1);
     const std::vector<double> per_node = points_per_node(build_supports(scene.evaluator(), layout, scene.points), layout, scene.points);
     const double wanted = 1 / (edge * edge * edge);
-    for (std::size_t n = 0; n < per_node.size(); ++n) EXPECT_NEAR(per_node[n], wanted, 0.25 * wanted) << edge << ", node " << n;  // volumes of nodes vary by where the points lie
+    for (std::size_t n = 0; n < per_node.size(); ++n) {
+      const bool inside = !box.on_surface(scene.cloud.nodes[n]);  // volumes of nodes vary by where the points lie
+      EXPECT_NEAR(per_node[n], wanted, (inside ? 0.25 : 0.36) * wanted) << edge << ", node " << n;
+    }
   }
 }
 

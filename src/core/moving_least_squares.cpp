@@ -34,7 +34,7 @@ bool well_conditioned(const Eigen::Matrix<double, M, M>& A, const Eigen::Matrix<
 
 template <int M>
 bool evaluate(const std::vector<int>& neighbours, const std::vector<Vec3d>& relative, double radius,
-              const MlsOptions& options, ShapeFunctions& shapes) {
+              const MlsOptions& options, ShapeFunctions& shapes, const std::vector<double>* own_radius) {
   using Vector = Eigen::Matrix<double, M, 1>;
   using Matrix = Eigen::Matrix<double, M, M>;
   shapes.clear();
@@ -44,11 +44,11 @@ bool evaluate(const std::vector<int>& neighbours, const std::vector<Vec3d>& rela
   Matrix dA[3] = {Matrix::Zero(), Matrix::Zero(), Matrix::Zero()};
   const double inverse_radius = 1 / radius;
   for (std::size_t i = 0; i < neighbours.size(); ++i) {
-    const double s = norm(relative[i]) * inverse_radius;
+    const double inverse_own = own_radius ? 1 / (*own_radius)[i] : inverse_radius, s = norm(relative[i]) * inverse_own;
     if (s >= 1) continue;
     const double w = 1 + s * s * (-6 + s * (8 - 3 * s));
     // dw/dx = (-12 + 24 s - 12 s^2) (x - x_I) / r^2
-    const Vec3d dw = (12 - 24 * s + 12 * s * s) * inverse_radius * inverse_radius * relative[i];
+    const Vec3d dw = (12 - 24 * s + 12 * s * s) * inverse_own * inverse_own * relative[i];
     const Vector p = basis_at<M>(inverse_radius * relative[i]);
     const Matrix pp = p * p.transpose();
     A += w * pp;
@@ -66,7 +66,7 @@ bool evaluate(const std::vector<int>& neighbours, const std::vector<Vec3d>& rela
   for (int k = 0; k < 3; ++k) gamma_k[k] = inverse * (Vector::Unit(k + 1) * inverse_radius - dA[k] * gamma);
   std::size_t out = 0;
   for (std::size_t i = 0; i < neighbours.size(); ++i) {
-    if (norm(relative[i]) * inverse_radius >= 1) continue;
+    if (norm(relative[i]) * (own_radius ? 1 / (*own_radius)[i] : inverse_radius) >= 1) continue;
     const Vector p = basis_at<M>(inverse_radius * relative[i]);
     const double w = shapes.value[out], gp = gamma.dot(p);
     const Vec3d dw = shapes.gradient[out];
@@ -80,9 +80,9 @@ bool evaluate(const std::vector<int>& neighbours, const std::vector<Vec3d>& rela
 }  // namespace
 
 bool moving_least_squares(const std::vector<int>& neighbours, const std::vector<Vec3d>& relative, double radius,
-                          const MlsOptions& options, ShapeFunctions& shapes) {
-  return options.basis == Basis::linear ? evaluate<4>(neighbours, relative, radius, options, shapes)
-                                        : evaluate<10>(neighbours, relative, radius, options, shapes);
+                          const MlsOptions& options, ShapeFunctions& shapes, const std::vector<double>* own_radius) {
+  return options.basis == Basis::linear ? evaluate<4>(neighbours, relative, radius, options, shapes, own_radius)
+                                        : evaluate<10>(neighbours, relative, radius, options, shapes, own_radius);
 }
 
 }  // namespace mtled

@@ -16,6 +16,7 @@ enum class Basis {
 struct MlsOptions {
   Basis basis = Basis::linear;
   double dilatation = 1.75;      ///< support radius in node spacings (2.25 for the quadratic bases)
+  int count = 0;                 ///< clouds that are no lattice: instead of the dilatation, nodes within the radius of a node; 0: none
   double quadratic_penalty = 0.05;  ///< of the modified basis, in coordinates scaled by the support radius
   double worst_condition() const { return basis == Basis::linear ? 100.0 : 1e4; }
   std::size_t smallest_support() const { return basis == Basis::linear ? 8 : 14; }
@@ -32,11 +33,12 @@ struct ShapeFunctions {
 
 /// Moving least squares (Lancaster & Salkauskas 1981) with quartic spline weight w(s) = 1 - 6 s^2 + 8 s^3 - 3 s^4,
 /// s = |x - x_I| / radius, and full (not diffuse) derivatives. The basis is shifted to the evaluation point and scaled by
-/// the radius.
+/// the radius. The penalty of the modified basis is a number in these coordinates, so it does not depend on units.
 /// `neighbours`: node numbers, `relative`: their positions minus the evaluation point [mm]; nodes at or beyond the radius
-/// take no part. Returns false, and leaves `shapes` empty, when fewer than smallest_support() nodes take part or the
+/// take no part. With `own_radius` [neighbours] every node has a radius of its own [mm] for its weight (constant, so the
+/// derivatives stay exact), and `radius` is that of the scaling only. Returns false, and leaves `shapes` empty, when fewer than smallest_support() nodes take part or the
 /// moment matrix is worse conditioned than worst_condition().
 bool moving_least_squares(const std::vector<int>& neighbours, const std::vector<Vec3d>& relative, double radius,
-                          const MlsOptions& options, ShapeFunctions& shapes);
+                          const MlsOptions& options, ShapeFunctions& shapes, const std::vector<double>* own_radius = nullptr);
 
 }  // namespace mtled

@@ -1,8 +1,10 @@
 #include "core/shape_evaluator.hpp"
 
 #include <algorithm>
+#include <map>
 #include <numbers>
 
+#include "core/parallel.hpp"
 #include "core/point_tree.hpp"
 
 namespace mtled {
@@ -10,49 +12,82 @@ namespace {
 
 constexpr double enlargement = 1.12;
 constexpr int most_enlargements = 8;
-constexpr std::size_t spacing_neighbours = 20;  ///< nodes that define the local spacing of a general cloud
+constexpr std::size_t node_spacing_neighbours = 8;  ///< and around its nodes: few, so that nodes at a surface look no sparser
+constexpr std::size_t spacing_neighbours = 20;  ///< nodes that define the local spacing at a place of a general cloud
 constexpr double edge_tolerance = 1e-6;         ///< of a spacing: places on the upper face of a cell belong to it
+
+/// Ball that holds `count` nodes of even density, from the mean of their distances (3/4 of its radius) [mm].
+double ball_radius(const double* squared, std::size_t count) {
+  double sum = 0;
+  for (std::size_t i = 0; i < count; ++i) sum += std::sqrt(squared[i]);
+  return 4 * sum / (3 * double(count));
+}
 
 }  // namespace
 
 /// Finds nodes around a place: by lattice position, or in a k-d tree.
 struct ShapeEvaluator::Neighbours {
-  explicit Neighbours(const Cloud& c) : cloud(c), adaptor{c.nodes} {
-    if (!c.lattice) tree = std::make_unique<PointTree>(3, adaptor, nanoflann::KDTreeSingleIndexAdaptorParams(16));
+  Neighbours(const Cloud& c, const MlsOptions& options) : cloud(c), adaptor{c.nodes} {
+    if (c.lattice) return;
+    tree = std::make_unique<PointTree>(3, adaptor, nanoflann::KDTreeSingleIndexAdaptorParams(16));
+    const std::size_t wanted = std::min(c.size(), options.count > 0 ? std::size_t(options.count) : node_spacing_neighbours);
+    node_radius.resize(c.size());
+    parallel_for(c.size(), [&](std::size_t n) {
+      std::vector<std::uint32_t> index(wanted);
+      std::vector<double> squared(wanted);
+      const double ball = ball_radius(squared.data(), tree->knnSearch(&c.nodes[n].x, wanted, index.data(), squared.data()));
+      node_radius[n] = options.count > 0 ? ball : options.dilatation * ball * std::cbrt(4 * std::numbers::pi / (3.0 * double(wanted)));
+    }, 1024);
+    // Nodes in groups of radii that differ by less than a factor of two: a search need not look at many nodes in vain.
+    std::map<int, std::vector<int>> groups;
+    for (std::size_t n = 0; n < c.size(); ++n) groups[std::ilogb(node_radius[n])].push_back(int(n));
+    for (auto& [exponent, nodes] : groups) levels.push_back(std::make_unique<Level>(c, std::move(nodes), std::ldexp(1.0, exponent + 1)));
   }
   /// Edge of a cube that one node fills, from the ball that holds the nearest nodes [mm].
   double local_spacing(const Vec3d& x) const {
-    if (cloud.lattice) return cloud.lattice->spacing;
     const std::size_t wanted = std::min(spacing_neighbours, cloud.size());
     std::vector<std::uint32_t> index(wanted);
     std::vector<double> squared(wanted);
     const std::size_t found = tree->knnSearch(&x.x, wanted, index.data(), squared.data());
     return std::sqrt(squared[found - 1]) * std::cbrt(4 * std::numbers::pi / (3.0 * double(found)));
   }
+  /// General cloud: the nodes whose own radii, times `scale`, reach x; returns a mean radius.
+  double reaching(const Vec3d& x, double scale, std::vector<int>& nodes, std::vector<Vec3d>& relative, std::vector<double>& radius) const {
+    nodes.clear(), relative.clear(), radius.clear();
+    std::vector<std::pair<std::uint32_t, double>> found;
+    for (const auto& level : levels) {
+      const double largest = scale * level->largest_radius;
+      level->tree.radiusSearch(&x.x, largest * largest, found, nanoflann::SearchParams(32, 0, false));
+      for (const auto& f : found)
+        if (const int n = level->node[f.first]; std::sqrt(f.second) < scale * node_radius[std::size_t(n)]) nodes.push_back(n);
+    }
+    std::sort(nodes.begin(), nodes.end());
+    double weights = 0, sum = 0;
+    for (int n : nodes) {
+      relative.push_back(cloud.nodes[std::size_t(n)] - x), radius.push_back(scale * node_radius[std::size_t(n)]);
+      const double weight = 1 - squared_norm(relative.back()) / (radius.back() * radius.back());
+      weights += weight, sum += weight * radius.back();
+    }
+    return sum / weights;
+  }
+  /// Lattice: the nodes within `radius` of x.
   void within(const Vec3d& x, double radius, std::vector<int>& nodes, std::vector<Vec3d>& relative) const {
     nodes.clear(), relative.clear();
-    if (cloud.lattice) {
-      const Lattice& l = *cloud.lattice;
-      int low[3], high[3];
-      for (int a = 0; a < 3; ++a) {
-        low[a] = std::max(0, int(std::ceil((x[a] - radius - l.origin[a]) / l.spacing)));
-        high[a] = std::min(l.size[a] - 1, int(std::floor((x[a] + radius - l.origin[a]) / l.spacing)));
-      }
-      for (int k = low[2]; k <= high[2]; ++k)
-        for (int j = low[1]; j <= high[1]; ++j)
-          for (int i = low[0]; i <= high[0]; ++i) {
-            const int n = l.node_at[l.offset(i, j, k)];
-            if (n < 0) continue;
-            const Vec3d d = l.origin + l.spacing * Vec3d{double(i), double(j), double(k)} - x;
-            if (squared_norm(d) < radius * radius) nodes.push_back(n), relative.push_back(d);
-          }
-      keep_reachable(x, radius, nodes, relative);
-      return;
+    const Lattice& l = *cloud.lattice;
+    int low[3], high[3];
+    for (int a = 0; a < 3; ++a) {
+      low[a] = std::max(0, int(std::ceil((x[a] - radius - l.origin[a]) / l.spacing)));
+      high[a] = std::min(l.size[a] - 1, int(std::floor((x[a] + radius - l.origin[a]) / l.spacing)));
     }
-    std::vector<std::pair<std::uint32_t, double>> found;
-    tree->radiusSearch(&x.x, radius * radius, found, nanoflann::SearchParams(32, 0, false));
-    std::sort(found.begin(), found.end());
-    for (const auto& f : found) nodes.push_back(int(f.first)), relative.push_back(cloud.nodes[f.first] - x);
+    for (int k = low[2]; k <= high[2]; ++k)
+      for (int j = low[1]; j <= high[1]; ++j)
+        for (int i = low[0]; i <= high[0]; ++i) {
+          const int n = l.node_at[l.offset(i, j, k)];
+          if (n < 0) continue;
+          const Vec3d d = l.origin + l.spacing * Vec3d{double(i), double(j), double(k)} - x;
+          if (squared_norm(d) < radius * radius) nodes.push_back(n), relative.push_back(d);
+        }
+    keep_reachable(x, radius, nodes, relative);
   }
   /// Lattice: drops the nodes that are near only through a gap. Kept are the corners of those cells that a walk from the cell
   /// of x reaches, from face to face through cells that hold body, without leaving the ball.
@@ -118,10 +153,26 @@ struct ShapeEvaluator::Neighbours {
   const Cloud& cloud;
   PointCloudAdaptor adaptor;
   std::unique_ptr<PointTree> tree;
+  std::vector<double> node_radius;  ///< [num_nodes] general cloud [mm]
+  struct Level {
+    Level(const Cloud& c, std::vector<int> nodes, double largest)
+        : node(std::move(nodes)), position(positions(c, node)), largest_radius(largest), adaptor{position}, tree(3, adaptor, nanoflann::KDTreeSingleIndexAdaptorParams(16)) {}
+    static std::vector<Vec3d> positions(const Cloud& c, const std::vector<int>& nodes) {
+      std::vector<Vec3d> x;
+      for (int n : nodes) x.push_back(c.nodes[std::size_t(n)]);
+      return x;
+    }
+    std::vector<int> node;
+    std::vector<Vec3d> position;
+    double largest_radius;
+    PointCloudAdaptor adaptor;
+    PointTree tree;
+  };
+  std::vector<std::unique_ptr<Level>> levels;
 };
 
 ShapeEvaluator::ShapeEvaluator(const Cloud& cloud, std::vector<std::uint8_t> prescribed, const MlsOptions& options)
-    : Approximation(cloud, std::move(prescribed)), options_(options), neighbours_(std::make_unique<Neighbours>(cloud)) {}
+    : Approximation(cloud, std::move(prescribed)), options_(options), neighbours_(std::make_unique<Neighbours>(cloud, options)) {}
 ShapeEvaluator::~ShapeEvaluator() = default;
 ShapeEvaluator::ShapeEvaluator(ShapeEvaluator&&) noexcept = default;
 
@@ -129,7 +180,16 @@ ShapeEvaluator::ShapeEvaluator(ShapeEvaluator&&) noexcept = default;
 int ShapeEvaluator::support(const Vec3d& x, ShapeFunctions& shapes) const {
   thread_local std::vector<int> nodes;
   thread_local std::vector<Vec3d> relative;
-  double radius = options_.dilatation * neighbours_->local_spacing(x);
+  if (!cloud().lattice) {
+    thread_local std::vector<double> own_radius;
+    double scale = 1;
+    for (int tries = 0; tries <= most_enlargements; ++tries, scale *= enlargement) {
+      const double radius = neighbours_->reaching(x, scale, nodes, relative, own_radius);
+      if (moving_least_squares(nodes, relative, radius, options_, shapes, &own_radius)) return tries;
+    }
+    return -1;
+  }
+  double radius = options_.dilatation * cloud().lattice->spacing;
   for (int tries = 0; tries <= most_enlargements; ++tries, radius *= enlargement) {
     neighbours_->within(x, radius, nodes, relative);
     if (moving_least_squares(nodes, relative, radius, options_, shapes)) return tries;

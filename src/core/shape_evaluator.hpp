@@ -19,8 +19,11 @@ namespace mtled {
 /// that a walk from face to face through such cells reaches inside the ball (connectivity, cheap and without a surface;
 /// gaps narrower than a cell cannot be told).
 ///
-/// The support radius is dilatation * local spacing: the lattice's, or that of the nearest nodes. A support that is too
-/// small or badly conditioned is enlarged by 12 % up to eight times.
+/// The support radius is dilatation * spacing on a lattice. In other clouds every node has a radius of its own and supports x
+/// where |x - x_I| is smaller, as in Joldes' and Mountris' ExplicitSim: dilatation * spacing at that node (from the mean
+/// distance of its 8 nearest), or the ball that holds `count` nodes. These radii do not depend on x, so gradients are exact
+/// (up to the penalty of the modified basis, which is scaled by a mean radius). A support that is too small or badly
+/// conditioned is enlarged by 12 % up to eight times.
 class ShapeEvaluator : public Approximation {
  public:
   /// Keeps a reference to `cloud`. `prescribed`: [num_nodes] nonzero where any component is prescribed; may be empty.

@@ -12,7 +12,7 @@ namespace {
 struct Share {
   std::vector<double> points, seen_volume;  ///< [num_slots] number and volume [mm^3] of the points that see a slot
   std::vector<double> volume;               ///< [num_slots] volume that belongs to it [mm^3]
-  std::vector<double> largest;              ///< [num_slots] largest such volume of the slots that share a point with it [mm^3]
+  std::vector<double> largest;              ///< [num_slots] largest mean of such volumes over a support that holds it [mm^3]
   std::vector<double> shear_modulus;        ///< [num_slots] mean [kPa]
 };
 
@@ -35,9 +35,9 @@ Share share_of(const SupportTable& t, const SlotLayout& layout, const Integratio
     });
   });
   each_entry([&](std::size_t, int, auto&& slots) {
-    double largest = 0;
-    slots([&](std::size_t s) { largest = std::max(largest, share.volume[s]); });
-    slots([&](std::size_t s) { share.largest[s] = std::max(share.largest[s], largest); });
+    double sum = 0, squares = 0;  // the mean weighted by volume: nodes at a surface count little
+    slots([&](std::size_t s) { sum += share.volume[s], squares += share.volume[s] * share.volume[s]; });
+    slots([&](std::size_t s) { share.largest[s] = std::max(share.largest[s], squares / sum); });
   });
   for (std::size_t s = 0; s < n; ++s)
     if (share.points[s] > 0) share.shear_modulus[s] /= share.seen_volume[s];

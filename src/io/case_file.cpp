@@ -344,6 +344,16 @@ SolveCase read_case(const std::filesystem::path& path) {
   result.shapes.dilatation = shapes.value("dilatation", result.shapes.basis == Basis::linear ? 1.75 : 2.25);
   require(result.shapes.dilatation > 1 && result.shapes.dilatation <= 4, shapes.place("dilatation"), " is ", result.shapes.dilatation,
           "; it must be above 1 and at most 4 node spacings (1.75 is usual for the linear basis, 2.25 for the quadratic ones)");
+  const std::string support = shapes.value<std::string>("support", "radius");
+  require(support == "radius" || support == "count", shapes.place("support"), " is '", support, "'; choose radius or count");
+  require(support == "count" || !shapes.has("count"), shapes.place("count"), " has no effect unless support = \"count\"; add that or remove it");
+  if (support == "count") {
+    const int least = result.shapes.basis == Basis::linear ? 10 : 20;
+    require(shapes.has("count") && !shapes.has("dilatation"), shapes.place("support"), " = \"count\" needs count and no dilatation");
+    require(!result.cloud.lattice, shapes.place("support"), " = \"count\" is for clouds that are no lattice: on a lattice the radius gives the count; remove it, or nodes.lattice");
+    result.shapes.count = whole_number(shapes, "count", 0, least);
+    require(result.shapes.count <= 200, shapes.place("count"), " is ", result.shapes.count, "; it must be at most 200 (20 is usual for the linear basis, 45 for the quadratic ones)");
+  }
   shapes.finish();
 
   TomlSection solver(root.section("solver"), file, "solver");
