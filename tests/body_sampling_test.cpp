@@ -350,6 +350,9 @@ TEST(SampleBody, ErrorsSayWhatIsWrong) {
   EXPECT_NE(error(Images(plain_grid(), [](const Vec3d&) { return false; })).find("mask is empty"), std::string::npos);
   EXPECT_NE(error(Images(plain_grid(), ball_at({}, 4))).find("nodes fit into the body"), std::string::npos);
   EXPECT_NE(error(Images(plain_grid(), ball_at({}), [](const Vec3d& x) { return x.x < 0 ? 1.0 : 0.0; })).find("shear modulus is not positive"), std::string::npos);
+  Images rigid(plain_grid(), ball_at({}), [](const Vec3d&) { return 1.0; }, [](const Vec3d&) { return 1; });
+  rigid.motions = {{1, {}}};
+  EXPECT_NE(error(rigid).find("no soft tissue"), std::string::npos);
   Images images(plain_grid(), ball_at({}));
   images.options.node_spacing_mm = 0;
   EXPECT_NE(error(images).find("node spacing"), std::string::npos);

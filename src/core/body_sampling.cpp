@@ -216,6 +216,7 @@ SampledBody sample_body(const Mask& body, const Image& shear_modulus, const Labe
           " mm; use a smaller spacing, or check the body mask (", result.body_volume_mm3 * 1e-6, " litres)");
   std::vector<Piece> pieces;
   place_points(*result.cloud.lattice, sampler, options, result.points, pieces);
+  require(result.points.size() > 0, "the rigid bodies fill the whole body: no soft tissue is left to deform; check the labels and the body mask");
 
   const std::map<int, double> around = moduli_around(pieces);
   std::map<int, int> set_of;

@@ -45,7 +45,7 @@ struct SampledBody {
 ///    a spring of stiffness beta (k + 4 mu / 3) volume / spacing^2 with the moduli of the soft tissue of their cell, or,
 ///    where it has none, of the mean around their body: the layer in which the field turns from the motion of the tissue
 ///    to that of the body is then spacing / sqrt(beta) wide, no thinner than the nodes resolve.
-/// Input errors: empty mask, too few nodes, modulus not positive in soft tissue.
+/// Input errors: empty mask, too few nodes, no soft tissue, modulus not positive in soft tissue.
 SampledBody sample_body(const Mask& body, const Image& shear_modulus, const LabelImage& labels,
                         const std::vector<LabelMotion>& motions, const SamplingOptions& options);
 
