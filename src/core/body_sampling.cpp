@@ -52,7 +52,7 @@ class Sampler {
   const std::map<int, const RigidMotion*>& motion_of_;
 };
 
-/// Where sample s of a lattice axis lies, with `per_node` samples to a spacing [mm].
+/// Where sample s along a lattice axis lies [mm]; samples are numbered from the lattice's origin.
 double sample_place(const Lattice& l, int axis, int s) { return l.origin[axis] + l.spacing * (s + 0.5) / samples_per_node[std::size_t(axis)]; }
 
 Lattice lattice_around(const Mask& body, double spacing) {
@@ -154,6 +154,7 @@ struct Piece {
   double soft_modulus;  ///< of the soft tissue in the same cell [kPa]; 0 when there is none
 };
 
+/// Appends the integration points of soft tissue and the pieces of rigid bodies, cell by cell.
 void place_points(const Lattice& l, const Sampler& sampler, const SamplingOptions& options, IntegrationPoints& points, std::vector<Piece>& pieces) {
   double cell_volume = 1;
   int cells[3], samples = 1;
