@@ -16,6 +16,7 @@ namespace {
 
 constexpr double bytes_per_node = 900;  ///< measured peak of sampling and solver, images aside (perf/README.md)
 constexpr double noticeable_overlap = 0.05, impossible_overlap = 0.3;  ///< of a label's voxels in another label
+constexpr double noticeable_deviation_mm = 0.5;  ///< of the field from a body's motion: five times what the solver promises
 
 std::vector<TissueProperties> read_tissue_table(const std::filesystem::path& path) {
   const Table table = Table::read(path);
@@ -230,6 +231,39 @@ void compare_with_body(const Mask& body, BoneLoads& loads) {
                                            " % of it inside); check the labels, or give --moving-mask"));
 }
 
+void report_deviations(const Mask& body, const VectorImage& displacement, const Mask& covered, BoneLoads& loads) {
+  struct Deviation {
+    const RigidMotion* motion;
+    double largest = 0, sum_of_squares = 0;
+    std::size_t voxels = 0;
+  };
+  std::map<int, Deviation> deviations;
+  for (const LabelMotion& m : loads.motions) deviations[m.label].motion = &m.motion;
+  const Grid& grid = loads.labels.grid;
+  for (int k = 0; k < grid.size[2]; ++k)
+    for (int j = 0; j < grid.size[1]; ++j)
+      for (int i = 0; i < grid.size[0]; ++i) {
+        const auto found = deviations.find(loads.labels.at(i, j, k));
+        if (found == deviations.end() || !body.at(i, j, k) || !covered.at(i, j, k)) continue;
+        Deviation& d = found->second;
+        const Vec3f& u = displacement.at(i, j, k);
+        const Vec3d off = Vec3d{u.x, u.y, u.z} - d.motion->displacement(grid.point(i, j, k));
+        d.largest = std::max(d.largest, norm(off));
+        d.sum_of_squares += squared_norm(off);
+        ++d.voxels;
+      }
+  for (Json& j : loads.report) {
+    const Deviation& d = deviations.at(j["label"].get<int>());
+    if (d.voxels == 0) continue;
+    const double rms = std::sqrt(d.sum_of_squares / double(d.voxels));
+    j["rms_deviation_mm"] = rms, j["largest_deviation_mm"] = d.largest;
+    if (rms > noticeable_deviation_mm) {
+      loads.warnings.push_back(concatenate("the field misses the motion of label ", j["label"].get<int>(), " by ", rms, " mm (rms): it is too thin for the node spacing, or pulled hard by its neighbours; use a smaller --node-spacing, or check the motions"));
+      warn(loads.warnings.back());
+    }
+  }
+}
+
 void add_mechanics_options(CLI::App& verb, MechanicsOptions& o) {
   verb.add_option("--node-spacing", o.sampling.node_spacing_mm, "distance of the nodes [mm]")->check(positive())->capture_default_str();
   verb.add_option("--poisson-ratio", o.sampling.poisson_ratio, "of all tissue to which --tissue-table gives none")->check(at_least_and_below(0, 0.5))->capture_default_str();
@@ -254,14 +288,12 @@ Deformation::Deformation(const Tissue& tissue, const BoneLoads& loads, const Mec
   announce(common, "placing nodes and integration points");
   const double spacing = options.sampling.node_spacing_mm;
   body_ = sample_body(tissue.body, tissue.shear_modulus, loads.labels, loads.motions, options.sampling, tissue.bulk_modulus ? &*tissue.bulk_modulus : nullptr);
-  for (int label : body_.labels_without_nodes) warn(concatenate("label ", label, " holds no node at a spacing of ", spacing, " mm and does not move the body; use a smaller --node-spacing"));
-  std::vector<std::uint8_t> prescribed(body_.cloud.size(), 0);
-  for (int n : body_.constraints.node) prescribed[std::size_t(n)] = 1;
-  evaluator_.emplace(body_.cloud, std::move(prescribed), options.shapes);
-  announce(common, concatenate("solving: ", body_.cloud.size(), " nodes, ", body_.points.size(), " integration points, ", body_.constraints.node.size(), " prescribed nodes"));
+  for (int label : body_.labels_outside) warn(concatenate("label ", label, " holds no part of the body at a spacing of ", spacing, " mm and does not move it; correct the labels or the mask, or use a smaller --node-spacing"));
+  evaluator_.emplace(body_.cloud, std::vector<std::uint8_t>(), options.shapes);
+  announce(common, concatenate("solving: ", body_.cloud.size(), " nodes, ", body_.points.size(), " integration points, ", body_.rigid.position.size(), " pieces of rigid bodies"));
   SolverOptions solver = options.solver;
   solver.progress = progress_printer(common.quiet);
-  solution_ = solve(*evaluator_, body_.points, body_.constraints, solver);
+  solution_ = solve(*evaluator_, body_.points, {}, solver, springs_on(body_.rigid, *evaluator_));
   if (!solution_.converged)
     fail(Failure::numerical, "no convergence within ", solver.max_steps, " steps (estimated error ", solution_.error_estimate_mm, " mm); raise --max-steps, or use a larger --tolerance");
 }

@@ -56,6 +56,10 @@ void find_motions(const Image& moving, const Image& fixed, const MotionOptions& 
 /// Warns of labels that lie outside the body.
 void compare_with_body(const Mask& body, BoneLoads& loads);
 
+/// Adds to the report of each label how far `displacement` [mm], where it is `covered`, is from its motion at its voxels in
+/// the body; warns of large deviations. All on the moving grid.
+void report_deviations(const Mask& body, const VectorImage& displacement, const Mask& covered, BoneLoads& loads);
+
 /// Settings of discretisation and solver.
 struct MechanicsOptions {
   SamplingOptions sampling;

@@ -63,11 +63,12 @@ Json inputs_of(const RegisterOptions& o) {
   return inputs;
 }
 
-/// Shear modulus at the nodes, 0 outside the body.
-PointData modulus_at_nodes(const Cloud& cloud, const Image& shear_modulus) {
-  PointData modulus{"shear_modulus_kPa", 1, {}};
-  for (const Vec3d& x : cloud.nodes) modulus.values.push_back(nearest_value<float>(shear_modulus, x, 0));
-  return modulus;
+/// Value of an image at the nodes, 0 outside it.
+template <class T>
+PointData at_nodes(const std::string& name, const Cloud& cloud, const Volume<T>& image) {
+  PointData data{name, 1, {}};
+  for (const Vec3d& x : cloud.nodes) data.values.push_back(float(nearest_value<T>(image, x, 0)));
+  return data;
 }
 
 Json describe(const JacobianStatistics& s) {
@@ -163,6 +164,7 @@ void run(CLI::App& verb, RegisterOptions& options) {
 
   announce(options, "warping");
   const DenseField forward = forward_field(pair.moving.grid, deformation.function());
+  report_deviations(tissue.body, forward.displacement, forward.covered, loads);
   times.lap("forward field");
   InverseStatistics inverse_statistics;
   const DenseField inverse = inverse_field(pair.fixed.grid, forward, deformation.function(), inverse_tolerance_mm, inverse_statistics);
@@ -196,7 +198,8 @@ void run(CLI::App& verb, RegisterOptions& options) {
   write_vector_image(output / "moving_to_fixed.nrrd", forward.displacement);
   write_vector_image(output / "fixed_to_moving.nrrd", inverse.displacement);
   write_displacement_transform(output / "fixed_to_moving.h5", inverse.displacement);
-  write_nodes(output.path(), deformation.body().cloud, deformation.body().constraints, deformation.solution(), {modulus_at_nodes(deformation.body().cloud, tissue.shear_modulus)});
+  const Cloud& cloud = deformation.body().cloud;
+  write_nodes(output.path(), cloud, {}, deformation.solution(), {at_nodes("shear_modulus_kPa", cloud, tissue.shear_modulus), at_nodes("label", cloud, loads.labels)});
   if (!options.points.empty()) write_point_displacements(output / "points.csv", points, deformation, forward);
   write_png(output / "displacement.png", displacement_figure(pair.moving, forward.displacement, forward.covered));
   write_png(output / "shear_modulus.png", shear_modulus_figure(pair.moving, tissue.shear_modulus));

@@ -105,6 +105,11 @@ TEST_F(CommandLine, MetricsAndManifestHaveTheDocumentedKeys) {
   EXPECT_GT(manifest["solver"]["nodes"], 1000);
   EXPECT_EQ(metrics["jacobian"]["folded_voxels"], 0);
   EXPECT_EQ(metrics["motions"].size(), std::size_t(torso::bones));
+  for (const Json& bone : metrics["motions"]) {  // moved by 5 mm and more; 0.08 to 0.11 mm rms and at most 0.71 measured, at their surface
+    EXPECT_LT(bone["rms_deviation_mm"], 0.2) << bone;
+    EXPECT_LT(bone["largest_deviation_mm"], 1) << bone;
+    EXPECT_GT(bone["largest_deviation_mm"], bone["rms_deviation_mm"].get<double>());
+  }
   EXPECT_TRUE(metrics["warnings"].empty()) << metrics["warnings"];
   EXPECT_NEAR(manifest["tissue"]["body_litres"], 3.3, 0.8);
   for (const char* candidate : {"before", "rigid", "mtled"})
@@ -125,7 +130,7 @@ TEST_F(CommandLine, RegistrationImprovesEdgesLabelsAndLandmarks) {
   for (int label = 0; label < torso::bones; ++label)
     EXPECT_GT(evaluation["labels"]["mtled"][label]["dice"], evaluation["labels"]["before"][label]["dice"].get<double>() + 0.1) << label;
   EXPECT_GT(evaluation["landmarks"]["before"]["mean_mm"], 6);
-  EXPECT_LT(evaluation["landmarks"]["mtled"]["mean_mm"], 0.1) << "bones move exactly as prescribed";
+  EXPECT_LT(evaluation["landmarks"]["mtled"]["mean_mm"], 0.1) << "bones move as prescribed";
 }
 
 TEST_F(CommandLine, WarpedLabelsFollowTheMotions) {

@@ -14,40 +14,51 @@ namespace {
 
 constexpr std::array<int, 3> samples_per_node{5, 5, 4};    ///< along each axis of a lattice cell
 constexpr std::array<int, 3> samples_per_point{4, 4, 3};   ///< of an integration cell: 4/5, 4/5, 3/4 of the spacing
-constexpr int samples_per_subcell = 4;                     ///< along each axis of an eighth of a coupled cell
 
-/// Sums over the samples of one cell that lie in the body.
-struct CellSum {
-  int inside = 0, with_modulus = 0;
+/// Sums over samples of one cell.
+struct Samples {
+  int count = 0, with_modulus = 0;
   Vec3d position{};
   double modulus = 0, bulk_modulus = 0;
+  Vec3d centroid() const { return (1.0 / count) * position; }
+};
+
+/// The samples of one cell that lie in the body: soft tissue, and the rigid bodies by label.
+struct CellSamples {
+  Samples soft;
+  std::map<int, Samples> rigid;
 };
 
 class Sampler {
  public:
   /// `bulk_modulus` may be null.
-  Sampler(const Mask& body, const Image& modulus, const Lattice& lattice, const Image* bulk_modulus = nullptr) : body_(body), modulus_(modulus), bulk_modulus_(bulk_modulus), lattice_(lattice) {}
+  Sampler(const Mask& body, const Image& modulus, const Image* bulk_modulus, const LabelImage& labels, const std::map<int, const RigidMotion*>& motion_of)
+      : body_(body), modulus_(modulus), bulk_modulus_(bulk_modulus), labels_(labels), motion_of_(motion_of) {}
 
   bool inside(const Vec3d& x) const { return nearest_value<std::uint8_t>(body_, x, 0) != 0; }
-  void add(const Vec3d& x, CellSum& sum) const {
+  void add(const Vec3d& x, CellSamples& cell) const {
     if (!inside(x)) return;
-    ++sum.inside;
-    sum.position += x;
+    const int label = nearest_value<std::uint16_t>(labels_, x, 0);
+    Samples& part = label && motion_of_.count(label) ? cell.rigid[label] : cell.soft;
+    ++part.count;
+    part.position += x;
     const float m = nearest_value<float>(modulus_, x, 0.0f);
     if (m > 0) {
-      ++sum.with_modulus, sum.modulus += double(m);
-      if (bulk_modulus_) sum.bulk_modulus += double(nearest_value<float>(*bulk_modulus_, x, 0.0f));
+      ++part.with_modulus, part.modulus += double(m);
+      if (bulk_modulus_) part.bulk_modulus += double(nearest_value<float>(*bulk_modulus_, x, 0.0f));
     }
   }
-  /// Position of sample s of n along a cell that starts at c (lattice coordinates) and has edge e.
-  double along(int axis, double c, double e, int s, int n) const { return lattice_.origin[axis] + lattice_.spacing * (c + e * (s + 0.5) / n); }
 
  private:
   const Mask& body_;
   const Image& modulus_;
   const Image* bulk_modulus_;
-  const Lattice& lattice_;
+  const LabelImage& labels_;
+  const std::map<int, const RigidMotion*>& motion_of_;
 };
+
+/// Where sample s along a lattice axis lies [mm]; samples are numbered from the lattice's origin.
+double sample_place(const Lattice& l, int axis, int s) { return l.origin[axis] + l.spacing * (s + 0.5) / samples_per_node[std::size_t(axis)]; }
 
 Lattice lattice_around(const Mask& body, double spacing) {
   constexpr double inf = std::numeric_limits<double>::infinity();
@@ -91,36 +102,21 @@ std::vector<float> body_parts(const Lattice& l, const Sampler& sampler) {
         for (int c = 0; c < samples_per_node[2]; ++c)
           for (int b = 0; b < samples_per_node[1]; ++b)
             for (int a = 0; a < samples_per_node[0]; ++a)
-              inside += sampler.inside({sampler.along(0, i, 1, a, samples_per_node[0]), sampler.along(1, j, 1, b, samples_per_node[1]), sampler.along(2, double(k), 1, c, samples_per_node[2])});
+              inside += sampler.inside({sample_place(l, 0, i * samples_per_node[0] + a), sample_place(l, 1, j * samples_per_node[1] + b), sample_place(l, 2, int(k) * samples_per_node[2] + c)});
         part[l.offset(i, j, int(k))] = float(inside / total);
       }
   }, 1);
   return part;
 }
 
-template <class Body>
-void each_cell_corner(const Lattice& l, int i, int j, int k, Body&& body) {
-  for (int c = 0; c < 8; ++c) body(l.offset(i + (c & 1), j + (c >> 1 & 1), k + (c >> 2)));
-}
-
-/// Nodes at all corners of the chosen cells, and at those of the cells around prescribed nodes that hold any body.
-Cloud place_nodes(Lattice lattice, const std::vector<float>& part, const std::vector<std::uint16_t>& label, const SamplingOptions& options) {
+/// Nodes at all corners of the cells that are body enough.
+Cloud place_nodes(Lattice lattice, const std::vector<float>& part, const SamplingOptions& options) {
   std::vector<std::uint8_t> is_node(lattice.node_at.size(), 0);
-  const auto each_cell = [&](auto&& body) {
-    for (int k = 0; k + 1 < lattice.size[2]; ++k)
-      for (int j = 0; j + 1 < lattice.size[1]; ++j)
-        for (int i = 0; i + 1 < lattice.size[0]; ++i) body(i, j, k, part[lattice.offset(i, j, k)]);
-  };
-  each_cell([&](int i, int j, int k, float p) {
-    if (p >= float(options.smallest_cell)) each_cell_corner(lattice, i, j, k, [&](std::size_t n) { is_node[n] = 1; });
-  });
-  const std::vector<std::uint8_t> before = is_node;
-  each_cell([&](int i, int j, int k, float p) {
-    if (p <= 0) return;
-    bool rigid = false;
-    each_cell_corner(lattice, i, j, k, [&](std::size_t n) { rigid = rigid || (before[n] && label[n]); });
-    if (rigid) each_cell_corner(lattice, i, j, k, [&](std::size_t n) { is_node[n] = 1; });
-  });
+  for (int k = 0; k + 1 < lattice.size[2]; ++k)
+    for (int j = 0; j + 1 < lattice.size[1]; ++j)
+      for (int i = 0; i + 1 < lattice.size[0]; ++i)
+        if (part[lattice.offset(i, j, k)] >= float(options.smallest_cell))
+          for (int c = 0; c < 8; ++c) is_node[lattice.offset(i + (c & 1), j + (c >> 1 & 1), k + (c >> 2))] = 1;
   lattice.body_cell.resize(part.size());
   for (std::size_t c = 0; c < part.size(); ++c) lattice.body_cell[c] = part[c] > 0;
   Cloud cloud;
@@ -137,17 +133,17 @@ Cloud place_nodes(Lattice lattice, const std::vector<float>& part, const std::ve
   return cloud;
 }
 
-/// Appends the point of a cell, or nothing when too little of it is body.
-void append_point(const CellSum& sum, int samples, double cell_volume, const SamplingOptions& options, IntegrationPoints& points) {
-  if (sum.inside < options.smallest_point * samples || sum.inside == 0) return;
-  const Vec3d x = (1.0 / sum.inside) * sum.position;
-  require(sum.with_modulus > 0, "the shear modulus is not positive around (", x.x, ", ", x.y, ", ", x.z,
+/// Appends the point of a cell's soft tissue, or nothing when there is too little of it.
+void append_point(const Samples& soft, int samples, double cell_volume, const SamplingOptions& options, IntegrationPoints& points) {
+  if (soft.count < options.smallest_point * samples || soft.count == 0) return;
+  const Vec3d x = soft.centroid();
+  require(soft.with_modulus > 0, "the shear modulus is not positive around (", x.x, ", ", x.y, ", ", x.z,
           ") mm inside the body; check that the modulus image covers the mask");
-  const double mu = sum.modulus / sum.with_modulus;
+  const double mu = soft.modulus / soft.with_modulus;
   points.position.push_back(x);
-  points.volume.push_back(cell_volume * sum.inside / samples);
+  points.volume.push_back(cell_volume * soft.count / samples);
   points.shear_modulus.push_back(mu);
-  points.bulk_modulus.push_back(sum.bulk_modulus > 0 ? sum.bulk_modulus / sum.with_modulus : bulk_modulus(mu, options.poisson_ratio));
+  points.bulk_modulus.push_back(soft.bulk_modulus > 0 ? soft.bulk_modulus / soft.with_modulus : bulk_modulus(mu, options.poisson_ratio));
   points.density.push_back(options.density);
 }
 
@@ -157,79 +153,55 @@ void append(IntegrationPoints& to, const IntegrationPoints& from) {
   join(to.bulk_modulus, from.bulk_modulus), join(to.density, from.density);
 }
 
-enum class Cell : std::uint8_t { free, coupled, rigid };
+/// Part of one cell that is one rigid body.
+struct Piece {
+  int label;
+  Vec3d position;
+  double volume;
+  double soft_modulus;  ///< of the soft tissue in the same cell [kPa]; 0 when there is none
+};
 
-/// What a lattice cell needs: coupled when all corners are nodes and one is prescribed, rigid when one body has them all.
-std::vector<Cell> classify_cells(const Cloud& cloud, const std::vector<std::uint16_t>& label) {
-  const Lattice& l = *cloud.lattice;
-  std::vector<Cell> kind(l.node_at.size(), Cell::free);
-  for (int k = 0; k + 1 < l.size[2]; ++k)
-    for (int j = 0; j + 1 < l.size[1]; ++j)
-      for (int i = 0; i + 1 < l.size[0]; ++i) {
-        int nodes = 0, prescribed = 0, same = 0;
-        const std::uint16_t first = label[l.offset(i, j, k)];
-        each_cell_corner(l, i, j, k, [&](std::size_t n) { nodes += l.node_at[n] >= 0, prescribed += label[n] != 0, same += label[n] == first; });
-        if (nodes < 8 || prescribed == 0) continue;
-        kind[l.offset(i, j, k)] = prescribed == 8 && same == 8 ? Cell::rigid : Cell::coupled;
-      }
-  return kind;
-}
-
-IntegrationPoints place_points(const Cloud& cloud, const std::vector<Cell>& kind, const Sampler& sampler, const SamplingOptions& options) {
-  const Lattice& l = *cloud.lattice;
-  const double h = l.spacing;
-  double edge[3];
-  int cells[3];
-  for (int a = 0; a < 3; ++a) {
-    edge[a] = double(samples_per_point[std::size_t(a)]) / samples_per_node[std::size_t(a)];
-    cells[a] = int(std::ceil((l.size[std::size_t(a)] - 1) / edge[a]));
+/// Appends the integration points of soft tissue and the pieces of rigid bodies, cell by cell.
+void place_points(const Lattice& l, const Sampler& sampler, const SamplingOptions& options, IntegrationPoints& points, std::vector<Piece>& pieces) {
+  double cell_volume = 1;
+  int cells[3], samples = 1;
+  for (std::size_t a = 0; a < 3; ++a) {
+    const double edge = double(samples_per_point[a]) / samples_per_node[a];
+    cells[a] = int(std::ceil((l.size[a] - 1) / edge));
+    samples *= samples_per_point[a];
+    cell_volume *= edge * l.spacing;
   }
-  constexpr int point_samples = samples_per_point[0] * samples_per_point[1] * samples_per_point[2];
-  std::vector<IntegrationPoints> layer(static_cast<std::size_t>(cells[2]));
-  parallel_for(layer.size(), [&](std::size_t k) {
+  std::vector<IntegrationPoints> points_of(static_cast<std::size_t>(cells[2]));
+  std::vector<std::vector<Piece>> pieces_of(points_of.size());
+  parallel_for(points_of.size(), [&](std::size_t k) {
     for (int j = 0; j < cells[1]; ++j)
       for (int i = 0; i < cells[0]; ++i) {
-        CellSum sum;
+        CellSamples cell;
         for (int c = 0; c < samples_per_point[2]; ++c)
           for (int b = 0; b < samples_per_point[1]; ++b)
             for (int a = 0; a < samples_per_point[0]; ++a) {
-              // Samples are numbered along the lattice, so that their lattice cell follows without rounding.
               const int s[3] = {i * samples_per_point[0] + a, j * samples_per_point[1] + b, int(k) * samples_per_point[2] + c};
-              int cell[3];
-              Vec3d x;
               bool in_lattice = true;
-              for (int d = 0; d < 3; ++d) {
-                const int per_node = samples_per_node[std::size_t(d)];
-                cell[d] = s[d] / per_node;
-                in_lattice = in_lattice && cell[d] + 1 < l.size[std::size_t(d)];
-                x[d] = l.origin[d] + h * (s[d] + 0.5) / per_node;
-              }
-              if (in_lattice && kind[l.offset(cell[0], cell[1], cell[2])] == Cell::free) sampler.add(x, sum);
+              for (std::size_t d = 0; d < 3; ++d) in_lattice = in_lattice && s[d] < samples_per_node[d] * (l.size[d] - 1);
+              if (in_lattice) sampler.add({sample_place(l, 0, s[0]), sample_place(l, 1, s[1]), sample_place(l, 2, s[2])}, cell);
             }
-        append_point(sum, point_samples, edge[0] * edge[1] * edge[2] * h * h * h, options, layer[k]);
+        append_point(cell.soft, samples, cell_volume, options, points_of[k]);
+        for (const auto& [label, part] : cell.rigid)
+          pieces_of[k].push_back({label, part.centroid(), cell_volume * part.count / samples, cell.soft.with_modulus > 0 ? cell.soft.modulus / cell.soft.with_modulus : 0});
       }
   }, 1);
-  std::vector<IntegrationPoints> coupled(static_cast<std::size_t>(l.size[2]));
-  parallel_for(coupled.size() - 1, [&](std::size_t k) {
-    for (int j = 0; j + 1 < l.size[1]; ++j)
-      for (int i = 0; i + 1 < l.size[0]; ++i) {
-        if (kind[l.offset(i, j, int(k))] != Cell::coupled) continue;
-        for (int eighth = 0; eighth < 8; ++eighth) {
-          const double low[3] = {i + 0.5 * (eighth & 1), j + 0.5 * (eighth >> 1 & 1), double(k) + 0.5 * (eighth >> 2)};
-          CellSum sum;
-          constexpr int n = samples_per_subcell;
-          for (int c = 0; c < n; ++c)
-            for (int b = 0; b < n; ++b)
-              for (int a = 0; a < n; ++a)
-                sampler.add({sampler.along(0, low[0], 0.5, a, n), sampler.along(1, low[1], 0.5, b, n), sampler.along(2, low[2], 0.5, c, n)}, sum);
-          append_point(sum, n * n * n, h * h * h / 8, options, coupled[k]);
-        }
-      }
-  }, 1);
-  IntegrationPoints points;
-  for (const auto& p : layer) append(points, p);
-  for (const auto& p : coupled) append(points, p);
-  return points;
+  for (const auto& p : points_of) append(points, p);
+  for (const auto& p : pieces_of) pieces.insert(pieces.end(), p.begin(), p.end());
+}
+
+/// Shear modulus of the soft tissue around each rigid body: the mean over its pieces that share a cell with some [kPa].
+std::map<int, double> moduli_around(const std::vector<Piece>& pieces) {
+  std::map<int, std::pair<double, int>> sum;
+  for (const Piece& p : pieces)
+    if (p.soft_modulus > 0) sum[p.label].first += p.soft_modulus, ++sum[p.label].second;
+  std::map<int, double> mean;
+  for (const Piece& p : pieces) mean[p.label] = sum.count(p.label) ? sum[p.label].first / sum[p.label].second : 1;  // no tissue, no pull: anything holds
+  return mean;
 }
 
 }  // namespace
@@ -242,46 +214,45 @@ SampledBody sample_body(const Mask& body, const Image& shear_modulus, const Labe
 
   SampledBody result;
   Lattice lattice = lattice_around(body, options.node_spacing_mm);
-  const Sampler sampler(body, shear_modulus, lattice);
+  const Sampler sampler(body, shear_modulus, bulk_modulus, labels, motion_of);
   const std::vector<float> part = body_parts(lattice, sampler);
-  std::vector<std::uint16_t> label(lattice.node_at.size(), 0);  // of the rigid body at each lattice position
-  parallel_for(std::size_t(lattice.size[2]), [&](std::size_t k) {
-    for (int j = 0; j < lattice.size[1]; ++j)
-      for (int i = 0; i < lattice.size[0]; ++i) {
-        const std::uint16_t v = nearest_value<std::uint16_t>(labels, lattice.origin + lattice.spacing * Vec3d{double(i), double(j), double(k)}, 0);
-        if (motion_of.count(v)) label[lattice.offset(i, j, int(k))] = v;
-      }
-  }, 1);
   for (float p : part) result.body_volume_mm3 += double(p);
   result.body_volume_mm3 *= std::pow(options.node_spacing_mm, 3);
-  result.cloud = place_nodes(lattice, part, label, options);
+  result.cloud = place_nodes(std::move(lattice), part, options);
   constexpr std::size_t fewest_nodes = 100;
   require(result.cloud.size() >= fewest_nodes, "only ", result.cloud.size(), " nodes fit into the body at a spacing of ", options.node_spacing_mm,
           " mm; use a smaller spacing, or check the body mask (", result.body_volume_mm3 * 1e-6, " litres)");
-  const Lattice& placed = *result.cloud.lattice;
-  for (std::size_t n = 0; n < label.size(); ++n)
-    if (placed.node_at[n] < 0) label[n] = 0;
-  result.points = place_points(result.cloud, classify_cells(result.cloud, label), Sampler(body, shear_modulus, placed, bulk_modulus), options);
+  std::vector<Piece> pieces;
+  place_points(*result.cloud.lattice, sampler, options, result.points, pieces);
+  require(result.points.size() > 0, "the rigid bodies fill the whole body: no soft tissue is left to deform; check the labels and the body mask");
 
+  const std::map<int, double> around = moduli_around(pieces);
   std::map<int, int> set_of;
-  for (const auto& [value, motion] : motion_of) {
-    set_of[value] = int(result.constraints.set_names.size());
-    result.constraints.set_names.push_back(concatenate("label ", value));
+  for (const auto& [label, motion] : motion_of) {
+    set_of[label] = int(result.rigid.set_names.size());
+    result.rigid.set_names.push_back(concatenate("label ", label));
+    if (!around.count(label)) result.labels_outside.push_back(label);
   }
-  std::map<int, std::size_t> nodes_of;
-  for (std::size_t n = 0; n < result.cloud.size(); ++n) {
-    const auto& c = result.cloud.lattice_ijk[n];
-    const int value = label[placed.offset(c[0], c[1], c[2])];
-    if (!value) continue;
-    ++nodes_of[value];
-    result.constraints.node.push_back(int(n));
-    result.constraints.displacement.push_back(motion_of[value]->displacement(result.cloud.nodes[n]));
-    result.constraints.fixed.push_back({true, true, true});
-    result.constraints.set.push_back(set_of[value]);
+  for (const Piece& p : pieces) {
+    const double mu = p.soft_modulus > 0 ? p.soft_modulus : around.at(p.label);
+    result.rigid.position.push_back(p.position);
+    result.rigid.displacement.push_back(motion_of[p.label]->displacement(p.position));
+    result.rigid.stiffness.push_back(options.rigid_stiffness * (mtled::bulk_modulus(mu, options.poisson_ratio) + 4 * mu / 3) * p.volume / std::pow(options.node_spacing_mm, 2));
+    result.rigid.set.push_back(set_of[p.label]);
   }
-  for (const auto& [value, motion] : motion_of)
-    if (!nodes_of[value]) result.labels_without_nodes.push_back(value);
   return result;
+}
+
+Springs springs_on(const RigidPieces& pieces, const Approximation& field) {
+  std::vector<ShapeFunctions> shapes(pieces.position.size());
+  parallel_for(shapes.size(), [&](std::size_t p) {
+    if (!field.at(pieces.position[p], shapes[p])) shapes[p].clear();
+  }, 256);
+  Springs springs;
+  springs.set_names = pieces.set_names;
+  for (std::size_t p = 0; p < shapes.size(); ++p)
+    if (!shapes[p].node.empty()) springs.add(shapes[p].node, shapes[p].value, pieces.stiffness[p], pieces.displacement[p], pieces.set[p]);
+  return springs;
 }
 
 }  // namespace mtled

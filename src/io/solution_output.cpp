@@ -46,12 +46,16 @@ Json summary_of(const Solution& s) {
 
 void write_nodes(const std::filesystem::path& directory, const Cloud& cloud, const Constraints& constraints, const Solution& solution, std::vector<PointData> more) {
   write_displacements(directory / "nodes.csv", cloud.nodes, solution.displacement);
-  PointData u{"displacement_mm", 3, {}}, prescribed{"prescribed", 1, std::vector<float>(cloud.size(), 0.0f)};
+  PointData u{"displacement_mm", 3, {}};
   for (const Vec3d& d : solution.displacement)
     for (int c = 0; c < 3; ++c) u.values.push_back(float(d[c]));
-  for (int n : constraints.node) prescribed.values[std::size_t(n)] = 1;
-  PointData per_node{"points_per_node", 1, {solution.points_per_node.begin(), solution.points_per_node.end()}};
-  more.insert(more.begin(), {std::move(u), std::move(prescribed), std::move(per_node)});
+  if (!constraints.node.empty()) {
+    PointData prescribed{"prescribed", 1, std::vector<float>(cloud.size(), 0.0f)};
+    for (int n : constraints.node) prescribed.values[std::size_t(n)] = 1;
+    more.insert(more.begin(), std::move(prescribed));
+  }
+  more.push_back({"points_per_node", 1, {solution.points_per_node.begin(), solution.points_per_node.end()}});
+  more.insert(more.begin(), std::move(u));
   write_vtu(directory / "nodes.vtu", cloud.nodes, more);
 }
 
