@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """Plots of docs/verification/results.csv (written by run.py --write): convergence.png and forces.png beside it."""
+import argparse
 import pathlib
 
 import matplotlib
@@ -34,6 +35,7 @@ def panels(results, curves, label):
 
 
 def main():
+    argparse.ArgumentParser(description=__doc__).parse_args()
     results = np.genfromtxt(FOLDER / "results.csv", delimiter=",", names=True, dtype=None, encoding=None)
     figure, axes = panels(results, DIFFERENCES, "difference to the reference [mm]")
     for axis, case in zip(axes.flat, dict.fromkeys(results["case"])):
