@@ -10,8 +10,8 @@ import numpy as np
 
 FOLDER = pathlib.Path(__file__).resolve().parent.parent / "docs" / "verification"
 # Colours that differ for every kind of colour vision (Okabe and Ito 2008), and markers that differ without colour.
-DIFFERENCES = (("interior_median_mm", "interior, median", "#0072B2", "o", "--"), ("interior_p95_mm", "interior, 95 %", "#0072B2", "o", "-"),
-               ("near_boundary_p95_mm", "near boundary, 95 %", "#009E73", "s", "-"), ("near_singularity_p95_mm", "near singularity, 95 %", "#D55E00", "^", "-"))
+DIFFERENCES = (("converged_interior_median_mm", "interior, median", "#0072B2", "o", "--"), ("converged_interior_p95_mm", "interior, 95 %", "#0072B2", "o", "-"),
+               ("converged_near_boundary_p95_mm", "near boundary, 95 %", "#009E73", "s", "-"), ("converged_near_singularity_p95_mm", "near singularity, 95 %", "#D55E00", "^", "-"))
 FORCES = (("energy_percent", "strain energy", "#0072B2", "o", "-"), ("reaction_percent", "largest reaction", "#D55E00", "^", "-"))
 TARGETS = {"energy_percent": 2, "reaction_percent": 3}  # percent
 
@@ -42,7 +42,7 @@ def main():
         runs = results[results["case"] == case]
         axis.axhline(0.01 * runs["largest_mm"][0], color="black", linestyle=":", label="1 % of the largest displacement")
         h = np.array([runs["spacing_mm"].min(), runs["spacing_mm"].max()])
-        middle = np.exp(np.log(runs["interior_median_mm"]).mean())
+        middle = np.exp(np.log(runs["converged_interior_median_mm"]).mean())
         for order, grey in ((1, "0.75"), (2, "0.5")):
             axis.plot(h, 0.5 * middle * (h / np.sqrt(h.prod())) ** order, color=grey, linewidth=1, label=f"slope of order {order}")
     axes.flat[-1].legend(*axes.flat[0].get_legend_handles_labels(), loc="center", frameon=False)

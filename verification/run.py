@@ -106,28 +106,28 @@ def check(case, spacing, comparison, spoil):
     return good
 
 
-def true_error_at_stop(program, case, spacing, folder, threads, comparison):
-    """Largest difference at the probes to the same problem in double precision, to a tenth of the estimated error [mm]."""
-    strict = {"tolerance_mm": comparison.summary["error_estimate_mm"] / 10, "precision": "double"}
-    further = solve(program, case, spacing, folder, threads, strict)
-    return float(np.linalg.norm(comparison.displacement - further.displacement, axis=1).max())
+def converged_further(program, case, spacing, folder, threads, comparison):
+    """The same discrete problem in double precision, converged to a tenth of the estimated error."""
+    return solve(program, case, spacing, folder, threads, {"tolerance_mm": comparison.summary["error_estimate_mm"] / 10, "precision": "double"})
 
 
 ZONES = ("interior", "near_boundary", "near_singularity")
+QUANTILES = ("median", "p95", "p995", "max")
 
 
-def result_row(case, spacing, c, true_error):
-    """One run in numbers: name of the figure -> value."""
+def result_row(case, spacing, c, further):
+    """One run in numbers: name of the figure -> value. `further`: converged_further(), or None."""
     s = c.summary
     row = {"case": case, "spacing_mm": spacing, "nodes": s["nodes"], "points": s["integration_points"], "largest_mm": c.largest}
-    for zone in ("all", *ZONES):
-        for name, value in zip(("median", "p95", "p995", "max"), c.percentiles(None if zone == "all" else zone)):
-            row[f"{zone}_{name}_mm"] = value
+    for zone in ZONES:
+        row.update({f"{zone}_{q}_mm": value for q, value in zip(QUANTILES, c.percentiles(zone))})
     row["interior_within_1_percent"] = c.within(0.01 * c.largest, "interior")
     row["all_within_1_percent"] = c.within(0.01 * c.largest)
     row["energy_percent"], row["reaction_percent"] = c.energy_percent(), max(c.reaction_percents().values())
-    row["steps"], row["seconds"] = s["steps"], s["seconds"]
-    row["error_estimate_mm"], row["true_error_mm"] = s["error_estimate_mm"], true_error
+    row["steps"], row["seconds"], row["error_estimate_mm"] = s["steps"], s["seconds"], s["error_estimate_mm"]
+    row["true_error_mm"] = None if further is None else float(np.linalg.norm(c.displacement - further.displacement, axis=1).max())
+    for zone in ZONES:
+        row.update({f"converged_{zone}_{q}_mm": value for q, value in zip(QUANTILES, (further or c).percentiles(zone))})
     return row
 
 
@@ -138,7 +138,7 @@ def markdown(header, rows):
 
 def table(rows):
     """Every run: the differences by zone, and the rest."""
-    quantiles = lambda r, zone: " / ".join(f"{r[f'{zone}_{q}_mm']:.3f}" for q in ("median", "p95", "p995", "max"))
+    quantiles = lambda r, zone: " / ".join(f"{r[f'{zone}_{q}_mm']:.3f}" for q in QUANTILES)
     header = ("case", "spacing mm", "nodes", "points", *(f"{zone}: median / 95 % / 99.5 % / max mm" for zone in ZONES),
               "within 1 %: interior, all", "energy", "reaction", "steps", "s", "estimated error mm", "true error at the stop mm")
     return markdown(header, [(
@@ -148,11 +148,11 @@ def table(rows):
         "-" if r["true_error_mm"] is None else f"{r['true_error_mm']:.4f}") for r in rows])
 
 
-ORDER_COLUMNS = ("interior_median_mm", "interior_p95_mm", "near_boundary_p95_mm", "near_singularity_p95_mm")
+ORDER_COLUMNS = ("converged_interior_median_mm", "converged_interior_p95_mm", "converged_near_boundary_p95_mm", "converged_near_singularity_p95_mm")
 
 
 def orders(rows):
-    """Fitted exponents of the spacing, per case with three spacings or more."""
+    """Fitted exponents of the spacing, per case with three spacings or more; of the further converged solutions."""
     lines = []
     for case in dict.fromkeys(r["case"] for r in rows):
         runs = [r for r in rows if r["case"] == case and (case, r["spacing_mm"]) not in UNRESOLVED]
@@ -217,8 +217,8 @@ def main():
             for spacing in a.spacings or SPACINGS[case] + (EXTENDED.get(case, ()) if a.write else ()):
                 folder = base / f"{case}_{spacing:g}"
                 comparison = solve(a.mtled, case, spacing, folder, a.threads)
-                true_error = None if a.no_true_error else true_error_at_stop(a.mtled, case, spacing, base / f"{folder.name}_further", a.threads, comparison)
-                rows.append(result_row(case, spacing, comparison, true_error))
+                further = None if a.no_true_error else converged_further(a.mtled, case, spacing, base / f"{folder.name}_further", a.threads, comparison)
+                rows.append(result_row(case, spacing, comparison, further))
                 print(table(rows[-1:]).splitlines()[-1], flush=True)
     if rows:
         report = f"{conditions(a.mtled, a.threads)}\n\n{table(rows)}\n\nFitted orders of convergence:\n\n{orders(rows)}"
