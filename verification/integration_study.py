@@ -66,12 +66,12 @@ def points_in(problem, lattice, mask, per_cell, shear=1, volumetric=1):
 
 
 def variants(lattice):
-    """Name and list of arguments for points_in(); cells that are wholly prescribed keep one point each in all of them."""
+    """Name and list of arguments for points_in(); cells that are wholly prescribed have one point each in all but the first."""
     soft, free = lattice.coupled & ~lattice.rigid, ~lattice.coupled
     rigid = (lattice.rigid, 1)
     cut = (lattice.one_sided | lattice.coupled) & ~lattice.rigid
     shear, volumetric = (1, NEGLIGIBLE), (NEGLIGIBLE, 1)
-    yield "background cells everywhere", [(~lattice.rigid, 0), rigid]
+    yield "background cells everywhere (what make_case.py gives)", [(lattice.every, 0)]
     yield "coupled cells: 1 point", [(free, 0), (soft, 1), rigid]
     yield "coupled cells: 2 x 2 x 2", [(free, 0), (soft, 2), rigid]
     yield "coupled cells: 2 x 2 x 2 for shear, 1 for volume", [(free, 0), (soft, 2, *shear), (soft, 1, *volumetric), rigid]
