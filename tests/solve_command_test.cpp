@@ -138,6 +138,19 @@ TEST_F(Solve, PlainRelaxationInDoubleAgrees) {
   for (std::size_t p = 0; p < plain.size(); ++p) EXPECT_LT(norm(plain[p] - two_level[p]), 0.05) << "the tolerance of the coarser one";
 }
 
+TEST_F(Solve, PointsInCoupledCellsAreRearrangedUnlessToldNotTo) {
+  constexpr int given = 8 * cells * cells * cells, coupled = 2 * cells * cells;  // cells at the lower and upper face
+  ASSERT_EQ(run().code, 0);
+  EXPECT_EQ(summary()["integration_points"], given + coupled);
+  const double rearranged = summary()["reactions_mN"]["upper"][2];
+  std::string text = program::content(file("case.toml"));
+  text.insert(text.find("[material]"), "align = false\n");
+  file("case.toml", text);
+  ASSERT_EQ(run({"--force"}).code, 0);
+  EXPECT_EQ(summary()["integration_points"], given);
+  EXPECT_LT(rearranged, summary()["reactions_mN"]["upper"][2]) << "fewer constraints of volume make it softer";
+}
+
 TEST_F(Solve, ConstraintsThatMakeNoSense) {
   file("constraints.csv", "node,ux,uy,uz,set\n343,0,0,0,a\n");
   refused(input, {"constraints.csv, line 2", "node 343 does not exist", "0 to 342"});

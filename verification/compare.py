@@ -41,9 +41,10 @@ class Comparison:
         d = self.distance if zone is None else self.distance[self.zone == zone]
         return *np.percentile(d, (50, 95, 99.5)), d.max()
 
-    def within(self, mm):
-        """Percent of the probes."""
-        return 100 * float((self.distance <= mm).mean())
+    def within(self, mm, zone=None):
+        """Percent of the probes (of a zone)."""
+        d = self.distance if zone is None else self.distance[self.zone == zone]
+        return 100 * float((d <= mm).mean())
 
     def energy_percent(self):
         return 100 * (self.summary["strain_energy_mN_mm"] / self.reference["strain_energy_mNmm"] - 1)

@@ -2,15 +2,16 @@
 """Run the reference problems through `mtled solve` and compare with their reference solutions.
 
 examples:
-  run.py                                  every case at its coarse and fine spacing, results as a table
-  run.py --write                          the same, and the table goes into docs/verification.md
+  run.py                                  every case at all its spacings but the extended one, results as a table
+  run.py --write                          the same and the extended ones; tables and plots go into docs/verification/
   run.py --cases l_shape --spacings 6     one case at a spacing of your own
-  run.py --coarse --check                 every case at its coarse spacing; exit 1 when a limit is exceeded (a test)
-  run.py --coarse --check --spoil         the same with spoilt results; exit 1 unless each of them is noticed (a test)
+  run.py --check                          every case at the spacing of its test; exit 1 when a limit is exceeded (a test)
+  run.py --check --spoil                  the same with spoilt results; exit 1 unless each of them is noticed (a test)
 """
 import argparse
 import collections
 import copy
+import csv
 import json
 import os
 import pathlib
@@ -20,7 +21,7 @@ import sys
 import tempfile
 
 HERE = pathlib.Path(__file__).resolve().parent
-REPORT = HERE.parent / "docs" / "verification.md"
+REPORT = HERE.parent / "docs" / "verification" / "README.md"
 BEGIN, END = "<!-- begin: written by verification/run.py -->", "<!-- end: written by verification/run.py -->"
 SKIPPED = 77  # exit code that CTest takes for "skipped"
 
@@ -32,18 +33,21 @@ except ImportError as error:
     print(f"SKIPPED: the comparison with the reference solutions needs NumPy ({error}); install python3-numpy")
     sys.exit(SKIPPED)
 
-SPACINGS = {"cube_extension": (10, 5), "l_shape": (10, 5), "two_material_bar": (10, 5), "twisted_cylinder": (10, 5),
-            "spine_in_block": (8, 4)}  # coarse, fine [mm]
+SPACINGS = {"cube_extension": (20, 10, 5, 2.5), "l_shape": (10, 5, 10 / 3, 2.5, 2), "two_material_bar": (10, 5, 10 / 3, 2.5, 2),
+            "twisted_cylinder": (10, 5, 2.5, 2), "spine_in_block": (8, 4)}  # [mm]
+EXTENDED = {"spine_in_block": (2,)}  # [mm]; half a million nodes
+UNRESOLVED = {("spine_in_block", 8)}  # the lattice misses faces of the blocks: another problem, left out of fitted orders
+TEST_SPACING = {"cube_extension": 10, "l_shape": 10, "two_material_bar": 10, "twisted_cylinder": 10, "spine_in_block": 4}  # [mm]
 
-# What a coarse solution may differ from the reference by: 1.1 times what was measured. The solver gives the same result in
+# What the solution of a test may differ from the reference by: 1.1 times what was measured. The solver gives the same result in
 # every run and processors differ in the last digits only, so the discretisation error of that spacing passes, and a defect
 # that adds a tenth anywhere (median, tail, energy, reactions) does not. mm, mm, mm, %, % of the largest reaction.
 Limits = collections.namedtuple("Limits", "median p95 p995 energy reaction")
-COARSE_LIMITS = {"cube_extension": Limits(0.064, 0.55, 0.91, 0.3, 0.1),
-                 "l_shape": Limits(0.079, 0.45, 0.84, 7.0, 7.2),
-                 "two_material_bar": Limits(0.19, 0.77, 1.05, 4.0, 4.2),
-                 "twisted_cylinder": Limits(0.032, 0.09, 0.137, 2.8, 1.6),
-                 "spine_in_block": Limits(0.44, 0.97, 1.55, 16.4, 16.9)}
+TEST_LIMITS = {"cube_extension": Limits(0.12, 0.32, 0.65, 1.6, 1.7),
+               "l_shape": Limits(0.074, 0.38, 0.8, 3.3, 4.3),
+               "two_material_bar": Limits(0.16, 0.83, 0.93, 1.8, 2.2),
+               "twisted_cylinder": Limits(0.027, 0.08, 0.11, 2.9, 2.9),
+               "spine_in_block": Limits(0.012, 0.062, 0.13, 0.89, 2.5)}
 LARGEST_ERROR_ESTIMATE_MM = 0.05  # the tolerance of the cases
 
 
@@ -89,7 +93,7 @@ def spoilt(comparison):
 
 def check(case, spacing, comparison, spoil):
     """Prints the verdict; returns whether it is good."""
-    limits = COARSE_LIMITS[case]
+    limits = TEST_LIMITS[case]
     found = faults(comparison, limits)
     print(f"{case} at {spacing:g} mm: {'; '.join(found) if found else 'within all limits'}")
     if not spoil:
@@ -102,28 +106,62 @@ def check(case, spacing, comparison, spoil):
     return good
 
 
-def true_error_at_stop(program, case, spacing, folder, threads, comparison):
-    """Largest difference at the probes to the same problem converged a hundred times further, in double precision [mm]."""
-    strict = {"tolerance_mm": 0.0005, "precision": "double"}
-    further = solve(program, case, spacing, folder, threads, strict)
-    return float(np.linalg.norm(comparison.displacement - further.displacement, axis=1).max())
+def converged_further(program, case, spacing, folder, threads, comparison):
+    """The same discrete problem in double precision, converged to a tenth of the estimated error."""
+    return solve(program, case, spacing, folder, threads, {"tolerance_mm": comparison.summary["error_estimate_mm"] / 10, "precision": "double"})
 
 
-COLUMNS = ("case", "spacing mm", "nodes", "points", "median mm", "95 % mm", "99.5 % mm", "max mm", "within 2 % of largest",
-           "energy", "largest reaction difference", "steps", "force evaluations", "s", "estimated error mm", "true error at the stop mm")
+ZONES = ("interior", "near_boundary", "near_singularity")
+QUANTILES = ("median", "p95", "p995", "max")
 
 
-def table_row(case, spacing, c, true_error):
+def result_row(case, spacing, c, further):
+    """One run in numbers: name of the figure -> value. `further`: converged_further(), or None."""
     s = c.summary
-    return (case, f"{spacing:g}", s["nodes"], s["integration_points"], *(f"{q:.3f}" for q in c.percentiles()),
-            f"{c.within(0.02 * c.largest):.2f} %", f"{c.energy_percent():+.2f} %",
-            f"{max(c.reaction_percents().values()):.2f} %", s["steps"], s["force_evaluations"], f"{s['seconds']:.2f}",
-            f"{s['error_estimate_mm']:.4f}", f"{true_error:.4f}" if true_error is not None else "-")
+    row = {"case": case, "spacing_mm": spacing, "nodes": s["nodes"], "points": s["integration_points"], "largest_mm": c.largest}
+    for zone in ZONES:
+        row.update({f"{zone}_{q}_mm": value for q, value in zip(QUANTILES, c.percentiles(zone))})
+    row["interior_within_1_percent"] = c.within(0.01 * c.largest, "interior")
+    row["all_within_1_percent"] = c.within(0.01 * c.largest)
+    row["energy_percent"], row["reaction_percent"] = c.energy_percent(), max(c.reaction_percents().values())
+    row["steps"], row["seconds"], row["error_estimate_mm"] = s["steps"], s["seconds"], s["error_estimate_mm"]
+    row["true_error_mm"] = None if further is None else float(np.linalg.norm(c.displacement - further.displacement, axis=1).max())
+    for zone in ZONES:
+        row.update({f"converged_{zone}_{q}_mm": value for q, value in zip(QUANTILES, (further or c).percentiles(zone))})
+    return row
 
 
-def markdown(rows):
+def markdown(header, rows):
     line = lambda cells: "| " + " | ".join(str(c) for c in cells) + " |"
-    return "\n".join([line(COLUMNS), "|" + "---|" * len(COLUMNS), *map(line, rows)])
+    return "\n".join([line(header), "|" + "---|" * len(header), *map(line, rows)])
+
+
+def table(rows):
+    """Every run: the differences by zone, and the rest."""
+    quantiles = lambda r, zone: " / ".join(f"{r[f'{zone}_{q}_mm']:.3f}" for q in QUANTILES)
+    header = ("case", "spacing mm", "nodes", "points", *(f"{zone}: median / 95 % / 99.5 % / max mm" for zone in ZONES),
+              "within 1 %: interior, all", "energy", "reaction", "steps", "s", "estimated error mm", "true error at the stop mm")
+    return markdown(header, [(
+        r["case"], f"{r['spacing_mm']:.3g}", r["nodes"], r["points"], *(quantiles(r, zone) for zone in ZONES),
+        f"{r['interior_within_1_percent']:.2f} %, {r['all_within_1_percent']:.2f} %", f"{r['energy_percent']:+.2f} %",
+        f"{r['reaction_percent']:.2f} %", r["steps"], f"{r['seconds']:.2f}", f"{r['error_estimate_mm']:.4f}",
+        "-" if r["true_error_mm"] is None else f"{r['true_error_mm']:.4f}") for r in rows])
+
+
+ORDER_COLUMNS = ("converged_interior_median_mm", "converged_interior_p95_mm", "converged_near_boundary_p95_mm", "converged_near_singularity_p95_mm")
+
+
+def orders(rows):
+    """Fitted exponents of the spacing, per case with three spacings or more; of the further converged solutions."""
+    lines = []
+    for case in dict.fromkeys(r["case"] for r in rows):
+        runs = [r for r in rows if r["case"] == case and (case, r["spacing_mm"]) not in UNRESOLVED]
+        if len(runs) < 3:
+            continue
+        h = np.log([r["spacing_mm"] for r in runs])
+        lines.append((case, f"{runs[0]['spacing_mm']:.3g} to {runs[-1]['spacing_mm']:.3g}",
+                      *(f"{np.polyfit(h, np.log([r[c] for r in runs]), 1)[0]:.2f}" for c in ORDER_COLUMNS)))
+    return markdown(("case", "spacings mm", "interior, median", "interior, 95 %", "near boundary, 95 %", "near singularity, 95 %"), lines)
 
 
 def conditions(program, threads):
@@ -142,21 +180,29 @@ def write_report(text):
     REPORT.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}")
 
 
+def write_results(rows):
+    with open(REPORT.parent / "results.csv", "w", newline="") as f:
+        writer = csv.DictWriter(f, rows[0].keys())
+        writer.writeheader()
+        writer.writerows({k: f"{v:.6g}" if isinstance(v, float) else v for k, v in r.items()} for r in rows)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--mtled", default=HERE.parent / "build" / "bin" / "mtled", type=pathlib.Path, metavar="PROGRAM", help="default: build/bin/mtled")
     parser.add_argument("--cases", nargs="+", choices=SPACINGS, default=list(SPACINGS), metavar="CASE", help=f"default: all of {', '.join(SPACINGS)}")
-    parser.add_argument("--spacings", nargs="+", type=float, metavar="MM", help="node spacings; default: the coarse and the fine one of each case")
-    parser.add_argument("--coarse", action="store_true", help="the coarse spacing only")
+    parser.add_argument("--spacings", nargs="+", type=float, metavar="MM", help="node spacings; default: those of each case")
     parser.add_argument("--threads", type=int, default=0, help="default: all processors")
-    parser.add_argument("--check", action="store_true", help="compare with the limits of the coarse spacings")
+    parser.add_argument("--check", action="store_true", help="one spacing per case, compared with its limits")
     parser.add_argument("--spoil", action="store_true", help="with --check: spoil the results, which must be noticed")
     parser.add_argument("--no-true-error", action="store_true", help="leave out the comparison with a further converged solution")
-    parser.add_argument("--write", action="store_true", help="put the table into docs/verification.md")
+    parser.add_argument("--write", action="store_true", help="extended spacings too; tables and plots into docs/verification/ (needs Matplotlib)")
     parser.add_argument("--keep", type=pathlib.Path, metavar="DIR", help="keep cases and results there")
     a = parser.parse_args()
-    if a.check and not a.coarse:
-        parser.error("--check needs --coarse: the limits are those of the coarse spacings")
+    if a.check and a.spacings:
+        parser.error("--check has spacings of its own, those of the limits; leave --spacings out")
+    if a.write and (a.spacings or a.cases != list(SPACINGS)):
+        parser.error("--write needs every case at every spacing; leave --cases and --spacings out")
     if not a.mtled.is_file():
         parser.error(f"there is no program '{a.mtled}'; build it with scripts/build.sh, or name it with --mtled")
 
@@ -164,20 +210,23 @@ def main():
     with tempfile.TemporaryDirectory(prefix="mtled-verification-") as scratch:
         base = a.keep or pathlib.Path(scratch)
         for case in a.cases:
-            for spacing in a.spacings or SPACINGS[case][:1 if a.coarse else 2]:
+            if a.check:
+                spacing = TEST_SPACING[case]
+                good = check(case, spacing, solve(a.mtled, case, spacing, base / case, a.threads), a.spoil) and good
+                continue
+            for spacing in a.spacings or SPACINGS[case] + (EXTENDED.get(case, ()) if a.write else ()):
                 folder = base / f"{case}_{spacing:g}"
                 comparison = solve(a.mtled, case, spacing, folder, a.threads)
-                if a.check:
-                    good = check(case, spacing, comparison, a.spoil) and good
-                    continue
-                true_error = None if a.no_true_error else true_error_at_stop(a.mtled, case, spacing, base / f"{folder.name}_further", a.threads, comparison)
-                rows.append(table_row(case, spacing, comparison, true_error))
-                print(*(f"{name} {value}" for name, value in zip(COLUMNS, rows[-1])), sep="; ", flush=True)
+                further = None if a.no_true_error else converged_further(a.mtled, case, spacing, base / f"{folder.name}_further", a.threads, comparison)
+                rows.append(result_row(case, spacing, comparison, further))
+                print(table(rows[-1:]).splitlines()[-1], flush=True)
     if rows:
-        report = f"{conditions(a.mtled, a.threads)}\n\n{markdown(rows)}"
+        report = f"{conditions(a.mtled, a.threads)}\n\n{table(rows)}\n\nFitted orders of convergence:\n\n{orders(rows)}"
         print("\n" + report)
         if a.write:
+            write_results(rows)
             write_report(report)
+            subprocess.run([sys.executable, HERE / "plots.py"], check=True)
     sys.exit(not good)
 
 
