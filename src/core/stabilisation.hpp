@@ -10,8 +10,8 @@ namespace mtled {
 /// Where a cloud has fewer integration points per node than this, some deformations of the nodes cost (almost) no energy and
 /// the solution may be arbitrarily rough. Every point gives six strains and every node has three displacements: below 0.5
 /// there are more unknowns than strains; at 1 the softest mode has 0.04 to 0.45 of its true energy; at 2 there is no defect. At corners of a
-/// body the count falls short by up to a third, so that two points per node are counted as 1.3 there.
-constexpr double enough_points_per_node = 1.25;
+/// body the count falls short by up to a third, so that two points per node are counted as 1.2 to 1.4 there.
+constexpr double enough_points_per_node = 1.1;
 
 /// Integration points per node around every node [num_nodes]: the points that see it, per their volume, times the
 /// volume of one node: the largest mean over a support there, weighted by volume (at a
