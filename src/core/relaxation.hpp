@@ -28,6 +28,7 @@ struct SlotModel {
   std::unique_ptr<CoarseSpace<Real>> coarse;  ///< null: diagonal preconditioner only
   NodalField<Real> coarse_active;
   double largest_increment = 0;       ///< of a step, beyond which the iteration has diverged [mm]
+  std::function<double(const NodalField<Real>&)> strain_energy;  ///< [mN mm], in double
   double largest_distance = 0;        ///< of a node to the nearest prescribed one, in node spacings
 
   /// f = internal force [mN] at displacement u [mm], the springs' at `load` of their targets included.

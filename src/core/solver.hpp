@@ -41,6 +41,7 @@ struct SolverOptions {
 struct HistoryEntry {
   int step;
   double error_estimate_mm, largest_increment_mm, convergence_rate;
+  double strain_energy;              ///< [mN mm]; springs not included
 };
 
 struct Solution {
