@@ -33,6 +33,7 @@ struct SolverOptions {
   int max_steps = 20000;
   int load_steps = 0;                ///< plain: steps of the load ramp; 0 = chosen from the distance to prescribed nodes
   int coarse_unknowns = 2400;        ///< two_level
+  double largest_eigenvalue = 0;     ///< of P K, sets the step; 0 = estimated with a margin
   bool double_precision = false;     ///< of the state and the forces
   std::function<void(const Progress&)> progress;
 };
