@@ -97,7 +97,7 @@ TEST(LumpedMass, KeepsMassAndCentreAndIsPositiveAtOuterNodes) {
   for (const double spacing : {4.0, 5.5, 7.0}) {
     options.node_spacing_mm = spacing;
     const SampledBody ball = sample_body(body, Image(body.grid, 1.0f), LabelImage(body.grid), {}, options);
-    const Scene scene{ball.cloud, ball.constraints, ball.points};
+    const Scene scene{ball.cloud, {}, ball.points};
     const std::vector<double> mass = lumped_mass(scene.evaluator(), scene.points);
     double total = 0, points = 0;
     Vec3d moment{}, moment_of_points{};

@@ -31,6 +31,7 @@ struct SlotModel {
   std::unique_ptr<CoarseSpace<Real>> coarse;  ///< null: diagonal preconditioner only
   NodalField<Real> coarse_active;
   double largest_increment = 0;       ///< of a step, beyond which the iteration has diverged [mm]
+  std::function<double(const NodalField<Real>&)> strain_energy;  ///< [mN mm], in double
   double largest_distance = 0;        ///< of a node to the nearest place that is held, in node spacings
 
   /// f = internal force [mN] at displacement u [mm], the springs' at `load` of their targets included, less `load` times
@@ -82,13 +83,16 @@ struct RelaxationResult {
   bool diverged = false;
   int steps = 0, force_evaluations = 0;
   double error_estimate = 0;
+  double largest_eigenvalue = 0;  ///< of P K that the last steps were made for
   std::vector<HistoryEntry> history;
 };
 
 /// Heavy-ball iteration u+ = u + rho^2 (u - u-) - (1 + rho)^2 / lambda_max P f(u), i.e. central differences with
 /// mass-proportional damping (Joldes, Wittek, Miller 2011), with P the inverse of a fictitious mass or the two-level
 /// preconditioner. rho follows from the smallest eigenvalue, estimated by Rayleigh quotients of increments; lambda_max is
-/// taken `safety` times its estimate.
+/// taken `safety` times its estimate. Before it stops, what is missing is found by conjugate gradients and added: increments
+/// alone hide a mode that is much slower than rho says. Where more is missing than the tolerance, the two-level preconditioner
+/// is assembled again and the iteration goes on.
 template <class Real>
 RelaxationResult relax(const SlotModel<Real>& model, const SolverOptions& options, double safety, NodalField<Real>& u);
 

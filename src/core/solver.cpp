@@ -322,6 +322,12 @@ Solution solve_with(const Approximation& field, IntegrationPoints& points, const
   solution.points = points.size(), solution.stencils = std::size_t(model.supports.num_stencils());
   solution.enlarged_supports = model.supports.enlarged, solution.dropped_points = model.supports.dropped.size();
   Stopwatch watch(solution.seconds);
+  model.strain_energy = [&](const NodalField<Real>& state) {
+    Solution scratch;
+    Vec3d place;
+    measure_state(model, state, scratch, place);
+    return scratch.strain_energy;
+  };
   NodalField<Real> u(model.position.size());
   // Where the start is too far from equilibrium the relaxation diverges; then again with a finer start and shorter steps.
   RelaxationResult relaxed;

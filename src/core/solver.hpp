@@ -34,6 +34,7 @@ struct SolverOptions {
   int max_steps = 20000;
   int load_steps = 0;                ///< plain: steps of the load ramp; 0 = chosen from the distance to prescribed nodes
   int coarse_unknowns = 2400;        ///< two_level
+  double largest_eigenvalue = 0;     ///< of P K, sets the step; 0 = estimated with a margin
   bool double_precision = false;     ///< of the state and the forces
   double stabilisation = 0;          ///< strength, where integration points are too few (stabilisation.hpp); 0 = none
   std::function<void(const Progress&)> progress;
@@ -43,6 +44,7 @@ struct SolverOptions {
 struct HistoryEntry {
   int step;
   double error_estimate_mm, largest_increment_mm, convergence_rate;
+  double strain_energy;              ///< [mN mm]; springs not included
 };
 
 struct Solution {

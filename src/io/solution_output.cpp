@@ -40,7 +40,7 @@ Json summary_of(const Solution& s) {
   for (const auto& [stage, t] : s.seconds) j["stage_seconds"][stage] = t, total += t;
   j["seconds"] = total;
   for (const auto& h : s.history)
-    j["history"].push_back({{"step", h.step}, {"error_estimate_mm", number(h.error_estimate_mm)}, {"largest_increment_mm", number(h.largest_increment_mm)}, {"convergence_rate", h.convergence_rate}});
+    j["history"].push_back({{"step", h.step}, {"error_estimate_mm", number(h.error_estimate_mm)}, {"largest_increment_mm", number(h.largest_increment_mm)}, {"convergence_rate", h.convergence_rate}, {"strain_energy_mN_mm", number(h.strain_energy)}});
   return j;
 }
 
