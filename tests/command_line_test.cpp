@@ -228,6 +228,24 @@ TEST_F(CommandLine, ConfigGivesSettingsAndTheCommandLineWins) {
   EXPECT_NEAR(read_image(file("case/result/warped.nii.gz"), "image").grid.spacing.x, 5, 0.1);
 }
 
+TEST_F(CommandLine, TissueTableMayMakeLungsCompressible) {
+  const auto displacements = [&](const std::string& lung_ratio) {
+    const std::string lung = ",0.53," + lung_ratio + "\n";
+    file("table.csv", "name,shear_modulus_kpa,poisson_ratio\nlung 1" + lung + "lung 2" + lung + "lung 3" + lung +
+                          "fat,1.07,0.49\nligament,3.57,0.49\nmuscle,4.05,0.49\nbone 1,40.5,0.49\nbone 2,40.5,0.49\n");
+    Strings arguments = Shared::registration(shared.folder / "pair", file("out"));
+    for (const std::string& more : {std::string("--tissue-table"), file("table.csv").string(), std::string("--points"), (shared.folder / "points.csv").string(), std::string("--no-evaluation"), std::string("--force")})
+      arguments.push_back(more);
+    const Outcome outcome = run(arguments);
+    EXPECT_EQ(outcome.code, 0) << outcome.err;
+    EXPECT_EQ(json(file("out/manifest.json"))["tissue"]["classes"][0]["poisson_ratio"].get<double>(), std::stod(lung_ratio));
+    return read_points(file("out/points.csv"), {"ux", "uy", "uz"});
+  };
+  const std::vector<Vec3d> plain = read_points(result("points.csv"), {"ux", "uy", "uz"});
+  EXPECT_LT(largest_distance(displacements("0.49"), plain), same_nodes_mm);
+  EXPECT_GT(largest_distance(displacements("0.1"), plain), 2 * same_nodes_mm);  // measured: 0.05 mm; this torso has little lung
+}
+
 TEST_F(CommandLine, MotionsAreEstimated) {
   const Outcome outcome = run({"motions", "-m", pair("moving.nii.gz").string(), "-f", pair("fixed.nii.gz").string(), "--moving-labels", pair("moving_labels.nii.gz").string(),
                                "--fixed-labels", pair("fixed_labels.nii.gz").string(), "-o", file("out").string()});

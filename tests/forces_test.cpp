@@ -288,8 +288,15 @@ TEST(Kernels, OfAllInstructionSetsAgree) {
   }
   const int aligned_stencil[] = {0}, aligned_base[] = {7};
   std::vector<int> gathered_stencil(width, -1), gathered_base(width, 0);
-  std::vector<float> aligned_material(3 * width, 0), gathered_material(3 * width, 0);
+  // Room for the largest number of parameters; the further ones of each material in turn, in idle lanes too.
+  std::vector<float> aligned_material(7 * width, 0), gathered_material(7 * width, 0);
   const auto set = [&](std::vector<float>& material, int lane) { material[std::size_t(lane)] = 2, material[std::size_t(lane + width)] = 1, material[std::size_t(lane + 2 * width)] = 50; };
+  const float further[number_of_material_models][4] = {{}, {0.2F}, {0.3F, 0.1F}, {-4.7F}, {3, 0, 0.6F, 0.8F}};
+  int model = 0;
+  const auto set_further = [&] {
+    for (auto* material : {&aligned_material, &gathered_material})
+      for (int i = 0; i < 4; ++i) std::fill_n(material->begin() + (3 + i) * width, width, further[model][i]);
+  };
   for (int lane = 0; lane < 11; ++lane) set(aligned_material, lane);
   for (int lane = 0; lane < 5; ++lane) set(gathered_material, lane), gathered_stencil[std::size_t(lane)] = 0, gathered_base[std::size_t(lane)] = 4 * lane;
   const PackView<float> view{begin.data(), offset.data(), gradient.data(), aligned_stencil, aligned_base, aligned_material.data(),
@@ -302,19 +309,22 @@ TEST(Kernels, OfAllInstructionSetsAgree) {
     const auto view_of = [](const NodalField<float>& a) { return FieldView<float>{{a.component(0), a.component(1), a.component(2)}}; };
     const MutableFieldView<float> to{{f.component(0), f.component(1), f.component(2)}};
     if (tangent) {
-      kernels.of[0].tangent(view, {0, 1, 0, 1}, view_of(u), view_of(v), to);
+      kernels.of[model].tangent(view, {0, 1, 0, 1}, view_of(u), view_of(v), to);
     } else {
-      kernels.of[0].force(view, {0, 1, 0, 1}, view_of(u), to);
+      kernels.of[model].force(view, {0, 1, 0, 1}, view_of(u), to);
     }
     std::vector<Vec3d> nodal;
     for (std::size_t s = 0; s < 100; ++s) nodal.push_back({double(f.at(s, 0)), double(f.at(s, 1)), double(f.at(s, 2))});
     return nodal;
   };
   const auto tables = runnable_kernels();
-  for (const bool tangent : {false, true}) {
-    const std::vector<Vec3d> expected = run(*tables[0], tangent);
-    EXPECT_GT(largest(expected), 1);
-    for (const auto* table : tables) EXPECT_LT(largest_difference(run(*table, tangent), expected), force_rounding<float> * largest(expected));
+  for (model = 0; model < number_of_material_models; ++model) {
+    set_further();
+    for (const bool tangent : {false, true}) {
+      const std::vector<Vec3d> expected = run(*tables[0], tangent);
+      EXPECT_GT(largest(expected), 1);
+      for (const auto* table : tables) EXPECT_LT(largest_difference(run(*table, tangent), expected), force_rounding<float> * largest(expected)) << "model " << model;
+    }
   }
 }
 #endif

@@ -58,6 +58,9 @@ const std::vector<LawInFiles>& known_laws() {
   return laws;
 }
 
+/// Of the fibre, which [material] gives as one array and the points as three columns.
+bool is_fibre_component(const std::string& key) { return key == "fibre_x" || key == "fibre_y" || key == "fibre_z"; }
+
 /// Shear modulus at rest and further parameters of IntegrationPoints; `place` says where the values come from.
 struct Elasticity {
   double shear_modulus;
@@ -154,8 +157,8 @@ MaterialDefaults read_material(TomlSection& section, const std::string& file) {
   for (std::size_t i = 0; i < m.law->keys.size(); ++i) {
     const auto& key = m.law->keys[i];
     const std::string name = key.name;
-    if (name.starts_with("fibre_") && name.size() == 7) m.value.push_back(fibre ? std::optional((*fibre)[int(i) - 2]) : std::nullopt);
-    else if (key.name == std::string("shear_modulus_kpa")) m.value.push_back(positive_number(section, name, *key.otherwise));
+    if (is_fibre_component(name)) m.value.push_back(fibre ? std::optional((*fibre)[int(i) - 2]) : std::nullopt);
+    else if (name == "shear_modulus_kpa") m.value.push_back(positive_number(section, name, *key.otherwise));
     else m.value.push_back(section.has(name) ? std::optional(section.value(name, 0.0)) : key.otherwise);
   }
   require(!(section.has("bulk_modulus_kpa") && section.has("poisson_ratio")), section.place("poisson_ratio"),
@@ -189,7 +192,7 @@ IntegrationPoints read_integration_points(const std::filesystem::path& path, con
   for (std::size_t i = 0; i < defaults.value.size(); ++i) {
     const char* name = defaults.law->keys[i].name;
     column.push_back(optional_column(name));
-    require(column[i] >= 0 || defaults.value[i], "model '", defaults.law->name, "' needs ", name, "; give it in [material]", std::string(name).starts_with("fibre_") && std::string(name).size() == 7 ? " as fibre = [x, y, z]" : "", " or as a column of ", path.string());
+    require(column[i] >= 0 || defaults.value[i], "model '", defaults.law->name, "' needs ", name, "; give it in [material]", is_fibre_component(name) ? " as fibre = [x, y, z]" : "", " or as a column of ", path.string());
   }
   const auto positive = [&](std::size_t row, int at, const char* name, double otherwise) {
     const double v = at < 0 ? otherwise : table.number(row, at);
