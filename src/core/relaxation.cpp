@@ -216,15 +216,16 @@ struct Correction {
 /// Adds to u what is missing to equilibrium, by conjugate gradients on the linearised problem. They find a mode that is much
 /// slower than rho says, which increments hide. The correction has settled when it changed by less than a tenth of the
 /// tolerance (or a twentieth of itself) between two times, `window` iterations or more apart, when the residual was below
-/// `residual` times the first: where a slow mode is still missing, the residual does not fall.
+/// `residual` times the first: where a slow mode is still missing, the residual does not fall. A correction that turns points
+/// inside out is taken back (the body has modes without stiffness, or the linearised problem is too far off).
 template <class Real>
 Correction correct(const SlotModel<Real>& model, int window, double residual, double tolerance, NodalField<Real>& u) {
   NodalField<Real> r(u.slots()), x(u.slots()), before(u.slots());
-  model.force(u, 1, r);
+  const long inverted = model.force(u, 1, r).inverted;
   model.constraints->reduce(r);
   combine(r, 0, r, -1);
   constexpr int most_windows = 30;
-  Correction correction{0, true, 1};
+  Correction correction{0, true, 2};
   const auto settled = [&](int iteration, double relative) {
     if (iteration % window != 0) return false;
     correction.largest = largest_watched(model, x);
@@ -236,8 +237,11 @@ Correction correct(const SlotModel<Real>& model, int window, double residual, do
     return correction.settled;
   };
   correction.products += conjugate_gradients(model, u, most_windows * window, settled, r, x);
+  before.copy_from(u);
   combine(u, 1, x, 1);
   model.constraints->impose(u, 1);
+  const VolumeRatioStatistics corrected = model.force(u, 1, r);
+  if (corrected.inverted > inverted || !std::isfinite(corrected.smallest)) u.swap(before), correction.settled = false;
   return correction;
 }
 
