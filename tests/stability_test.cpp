@@ -27,6 +27,12 @@ struct PlainModel {
     model.constraints = std::make_unique<ConstraintOperator<double>>(evaluator, model.layout, scene.constraints);
     model.forces = std::make_unique<CpuForces<double>>(model.supports, model.layout, scene.points);
     model.strain_energy = [](const NodalField<double>&) { return 0.0; };
+    model.largest_displacement = [](const NodalField<double>& u) {
+      double top = 0;
+      for (std::size_t slot = 0; slot < u.slots(); ++slot)
+        for (int c = 0; c < 3; ++c) top = std::max(top, std::abs(u.at(slot, c)));
+      return top;
+    };
     model.largest_increment = 1000, model.largest_distance = 10;
     model.active = NodalField<double>(slots), model.inverse_diagonal = NodalField<double>(slots);
     std::vector<double> mass(slots, 0.0);

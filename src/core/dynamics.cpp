@@ -71,12 +71,14 @@ std::vector<SpringSet> split_springs(const Springs& springs, const SlotLayout& l
 }
 
 /// Largest stable step at rest, 2 / omega_max: power iteration on M^-1 K until it gains less than 1e-4 in 20 iterations.
-double stable_step(const SlotModel<double>& model, const std::vector<SpringSet>& springs, const ConstraintProjection& projection, std::size_t prescribed,
+/// `forces`: those of the moduli at once, the stiffest that a viscoelastic body has.
+double stable_step(const SlotModel<double>& model, const CpuForces<double>& forces, const std::vector<SpringSet>& springs, const ConstraintProjection& projection, std::size_t prescribed,
                    const std::vector<double>& inverse_mass) {
   const Field rest(model.position.size());
   const std::vector<Vec3d> held(prescribed);
   const auto stiffness = [&](Field& v, Field& f) {
-    model.tangent(rest, v, f);
+    forces.tangent(rest, v, f);
+    if (model.nodal_pressure) model.nodal_pressure->add_tangent(rest, v, f);
     for (const SpringSet& s : springs) s.forces.add_tangent(v, f);
   };
   const auto inverse = [&](const Field& f, Field& g) {
@@ -113,6 +115,8 @@ DynamicsResult run_dynamics(const Approximation& field, IntegrationPoints points
   result.points = points.size(), result.stencils = std::size_t(model.supports.num_stencils());
   result.enlarged_supports = model.supports.enlarged, result.dropped_points = model.supports.dropped.size();
 
+  const IntegrationPoints faded = long_term(points);
+  model.points = &faded;  // whose energy is the strain energy
   const std::vector<double> nodal_mass = lumped_mass(field, points);
   std::vector<double> mass(slots, 0.0), inverse_mass(slots, 0.0);
   model.active = Field(slots);
@@ -148,7 +152,9 @@ DynamicsResult run_dynamics(const Approximation& field, IntegrationPoints points
     return value;
   };
 
-  result.stable_time_step = stable_step(model, spring_sets, projection, prescribed, inverse_mass);
+  IntegrationPoints at_once = points;
+  at_once.prony.clear();
+  result.stable_time_step = stable_step(model, CpuForces<double>(model.supports, model.layout, at_once), spring_sets, projection, prescribed, inverse_mass);
   require(options.time_step <= result.stable_time_step, "the time step of ", options.time_step, " s is not stable; this body needs one below ", result.stable_time_step,
           " s (its stiffest and lightest part decides): give a shorter one, or none");
   const double wanted = options.time_step > 0 ? options.time_step : options.safety * result.stable_time_step;
@@ -226,6 +232,7 @@ DynamicsResult run_dynamics(const Approximation& field, IntegrationPoints points
       Solution state;
       Vec3d worst;
       measure_state(model, u, state, worst);
+      if (model.nodal_pressure) state.strain_energy += model.nodal_pressure->energy(u);
       entry.step = n, entry.time = t, entry.strain = state.strain_energy, entry.smallest_volume_ratio = state.smallest_volume_ratio;
       entry.springs = 0;
       entry.reactions.clear();
@@ -255,8 +262,9 @@ DynamicsResult run_dynamics(const Approximation& field, IntegrationPoints points
     last_value.swap(value);
     value.swap(next_value);
   }
+  if (points.viscoelastic()) result.largest_balance_error = std::numeric_limits<double>::quiet_NaN();
   for (const DynamicsEntry& e : result.history)
-    if (energy_scale > 0) result.largest_balance_error = std::max(result.largest_balance_error, std::abs(e.balance_error()) / energy_scale);
+    if (energy_scale > 0 && !points.viscoelastic()) result.largest_balance_error = std::max(result.largest_balance_error, std::abs(e.balance_error()) / energy_scale);
   result.seconds["dynamics"] = seconds() - result.seconds["setup"];
   return result;
 }

@@ -13,7 +13,8 @@
 namespace mtled {
 
 /// Energies and reactions at one time. Without error, kinetic + strain + springs + dissipated = work_of_loads +
-/// work_of_motions.
+/// work_of_motions; of a viscoelastic body the strain energy is that of the long-term moduli, and what memory holds and
+/// dissipates is missing from the balance.
 struct DynamicsEntry {
   int step = 0;
   double time = 0;                   ///< [s]
@@ -51,7 +52,7 @@ struct DynamicsResult {
   double mass = 0;                   ///< [kg]
   double smallest_nodal_mass = 0;    ///< [kg]
   std::size_t massless_nodes = 0;    ///< nodes that support no integration point; they rest unless prescribed
-  double largest_balance_error = 0;  ///< of the outputs, over the largest sum of energies or work among them [1]
+  double largest_balance_error = 0;  ///< of the outputs, over the largest sum of energies or work among them [1]; NaN: viscoelastic
   std::size_t points = 0, stencils = 0, enlarged_supports = 0, dropped_points = 0;
   std::map<std::string, double> seconds;
   std::vector<DynamicsEntry> history;  ///< one per output

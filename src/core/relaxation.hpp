@@ -32,6 +32,7 @@ struct SlotModel {
   NodalField<Real> coarse_active;
   double largest_increment = 0;       ///< of a step, beyond which the iteration has diverged [mm]
   std::function<double(const NodalField<Real>&)> strain_energy;  ///< [mN mm], in double
+  std::function<double(const NodalField<Real>&)> largest_displacement;  ///< component of the field at the watched nodes [mm]
   double largest_distance = 0;        ///< of a node to the nearest place that is held, in node spacings
 
   /// f = internal force [mN] at displacement u [mm], the springs' at `load` of their targets included, less `load` times

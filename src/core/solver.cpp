@@ -315,6 +315,43 @@ int start_two_level(SlotModel<Real>& model, const SolverOptions& options, int fe
   }
 }
 
+/// The field's values at the watched nodes, from shape functions that are computed once.
+template <class Real>
+class FieldAtNodes {
+ public:
+  FieldAtNodes(const Approximation& field, const SlotModel<Real>& model) {
+    const std::vector<int>& slot_of = model.layout.slot_of_node;
+    for (std::size_t n = 0; n < slot_of.size(); ++n)
+      if (model.watched[std::size_t(slot_of[n])]) rows_.push_back({int(n), {}});
+    parallel_for(rows_.size(), [&](std::size_t r) {
+      ShapeFunctions shapes;
+      if (!field.at(field.cloud().nodes[std::size_t(rows_[r].node)], shapes)) shapes.add(rows_[r].node, 1, {});
+      for (std::size_t i = 0; i < shapes.node.size(); ++i) rows_[r].terms.emplace_back(slot_of[std::size_t(shapes.node[i])], float(shapes.value[i]));
+    }, 1024);
+  }
+  /// Largest component of the field with parameters x [mm].
+  double largest(const NodalField<Real>& x) const {
+    constexpr std::size_t piece = 4096;
+    std::vector<double> top((rows_.size() + piece - 1) / piece, 0.0);
+    parallel_pieces(rows_.size(), piece, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t r = begin; r < end; ++r) {
+        double u[3] = {};
+        for (const auto& [slot, value] : rows_[r].terms)
+          for (int c = 0; c < 3; ++c) u[c] += double(value) * double(x.at(std::size_t(slot), c));
+        for (double component : u) top[begin / piece] = std::max(top[begin / piece], std::abs(component));
+      }
+    });
+    return *std::max_element(top.begin(), top.end());
+  }
+
+ private:
+  struct Row {
+    int node;
+    std::vector<std::pair<int, float>> terms;
+  };
+  std::vector<Row> rows_;
+};
+
 template <class Real>
 Solution solve_with(const Approximation& field, IntegrationPoints& points, const Constraints& constraints, const Springs& springs, const Loads& loads, const SolverOptions& options) {
   Solution solution;
@@ -327,6 +364,11 @@ Solution solve_with(const Approximation& field, IntegrationPoints& points, const
     Vec3d place;
     measure_state(model, state, scratch, place);
     return scratch.strain_energy;
+  };
+  std::optional<FieldAtNodes<Real>> field_at_nodes;
+  model.largest_displacement = [&](const NodalField<Real>& parameters) {
+    if (!field_at_nodes) field_at_nodes.emplace(field, model);
+    return field_at_nodes->largest(parameters);
   };
   NodalField<Real> u(model.position.size());
   // Where the start is too far from equilibrium the relaxation diverges; then again with a finer start and shorter steps.
