@@ -256,6 +256,30 @@ TEST(Dynamics, ColumnUnderPressureSettlesAtTheClosedForm) {
   }
 }
 
+TEST(Dynamics, ViscoelasticColumnCreepsAsAStandardLinearSolid) {
+  const Box box{{3, 3, 6}, h};
+  const double nu = 0.3, traction = 0.05, length = box.length(2), modulus = bulk_modulus(mu, nu) + 4 * mu / 3, alpha = 0.5, tau = 0.5;
+  Scene scene = confined_column(box, false, nu);
+  scene.points.prony = {{alpha, alpha, tau}};
+  Loads loads;
+  add_traction(loads, box, length, {0, 0, -traction});
+  DynamicsOptions options = for_seconds(1.5, 3);
+  options.damping = 40, options.safety = 0.95;
+  const Motion run = move(scene, loads, options);
+  const ShapeEvaluator field = scene.evaluator();
+  for (std::size_t frame = 1; frame < run.frames.size(); ++frame) {
+    // Relaxation modulus M (1 - alpha + alpha exp(-t / tau)).
+    const double t = run.frames[frame].entry.time;
+    const double strain = traction / modulus / (1 - alpha) * (1 - alpha * std::exp(-t * (1 - alpha) / tau));
+    EXPECT_NEAR(-run.displacement(field, {15, 15, length}, frame).z, strain * length, 0.02 * strain * length) << "at " << t << " s";
+  }
+  EXPECT_TRUE(std::isnan(run.result.largest_balance_error)) << "memory is not in the balance";
+  // The step is that of the moduli at once.
+  Scene elastic = scene;
+  elastic.points.prony.clear();
+  EXPECT_NEAR(run.result.stable_time_step, move(elastic, loads, for_seconds(0.01)).result.stable_time_step, 1e-9);
+}
+
 TEST(Dynamics, WeightOfAColumn) {
   const Box box{{3, 3, 6}, h};
   const double nu = 0.3, length = box.length(2), modulus = bulk_modulus(mu, nu) + 4 * mu / 3;
