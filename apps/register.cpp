@@ -203,6 +203,7 @@ void run(CLI::App& verb, RegisterOptions& options) {
   if (!options.points.empty()) write_point_displacements(output / "points.csv", points, deformation, forward);
   write_png(output / "displacement.png", displacement_figure(pair.moving, forward.displacement, forward.covered));
   write_png(output / "shear_modulus.png", shear_modulus_figure(pair.moving, tissue.shear_modulus));
+  write_png(output / "convergence.png", convergence_figure(deformation.solution().history, options.mechanics.solver.tolerance_mm));
   times.lap("writing");
   if (options.evaluate) {
     try {

@@ -1,8 +1,10 @@
+#include <algorithm>
 #include <cstdio>
 
 #include "command.hpp"
 #include "core/coupled_integration.hpp"
 #include "core/error.hpp"
+#include "core/parallel.hpp"
 #include "core/stabilisation.hpp"
 #include "io/case_file.hpp"
 #include "io/dynamics_output.hpp"
@@ -27,9 +29,24 @@ std::vector<Vec3d> displacement_at_probes(const Approximation& field, const Solu
   return u;
 }
 
+/// Far from all nodes there is no displacement that a point could feel.
+void require_nodes_at_points(const Approximation& field, const std::vector<Vec3d>& points) {
+  std::vector<std::uint8_t> stray(points.size(), 0);
+  parallel_for(points.size(), [&](std::size_t p) {
+    thread_local ShapeFunctions shapes;
+    stray[p] = !field.touches(points[p]) && !field.at(points[p], shapes);
+  }, 256);
+  const auto count = std::count(stray.begin(), stray.end(), 1);
+  if (count == 0) return;
+  const auto first = std::size_t(std::find(stray.begin(), stray.end(), 1) - stray.begin());
+  const Vec3d& x = points[first];
+  fail(Failure::input, count, " of ", points.size(), " integration points lie where there are no nodes, the first (row ", first, ") at (", x.x, ", ", x.y, ", ", x.z,
+       ") mm; remove them, or put nodes around them");
+}
+
 void warn_of_few_points(const SolveCase& problem, const Solution& solution) {
   std::size_t few = 0, worst = 0;
-  for (std::size_t n = 0; n < problem.cloud.size(); ++n) {
+  for (std::size_t n = 0; n < solution.points_per_node.size(); ++n) {
     const double here = solution.points_per_node[n];
     if (here == 0 || here >= enough_points_per_node) continue;
     if (few++ == 0 || here < solution.points_per_node[worst]) worst = n;
@@ -63,10 +80,12 @@ void run(const SolveOptions& options) {
   for (std::size_t p = 0; p < problem.probes.size(); ++p)
     require(field.touches(problem.probes[p]), "probe ", p, " at (", problem.probes[p].x, ", ", problem.probes[p].y, ", ", problem.probes[p].z,
             ") mm lies outside the body; remove it");
+  require_nodes_at_points(field, problem.points.position);
   if (problem.align_points && problem.elements.size() == 0)
     problem.points = reduce_volumetric_integration(field, align_with_coupled_cells(field, problem.points));
   if (problem.dynamics) return run_in_time(output, discretisation, problem);
-  const Solution solution = solve(field, problem.points, problem.constraints, problem.solver, discretisation.springs, problem.loads);
+  Solution solution = solve(field, problem.points, problem.constraints, problem.solver, discretisation.springs, problem.loads);
+  if (problem.elements.size() > 0) solution.points_per_node.clear();  // one point per element is right, whatever that is per node
   if (!problem.probes.empty()) write_displacements(output / "probes.csv", problem.probes, displacement_at_probes(field, solution, problem.probes));
   write_nodes(output.path(), problem.cloud, problem.constraints, solution);
   const Json summary = summary_of(solution);

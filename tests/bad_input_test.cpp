@@ -1,6 +1,7 @@
 #include <cmath>
 #include <limits>
 
+#include "core/error.hpp"
 #include "program.hpp"
 #include "temporary_folder.hpp"
 #include "torso.hpp"
@@ -102,6 +103,18 @@ TEST_F(BadInput, MaskOnAnotherGridIsResampledIfItOverlaps) {
   fs::remove_all(out());
   write_mask(file("empty.nii.gz"), Mask(torso::straight_grid()));
   refused({{"--moving-mask", file("empty.nii.gz")}}, input, {"moving mask", "every voxel is 0"});
+}
+
+TEST_F(BadInput, APartOfTheMaskThatFloats) {
+  Mask mask = torso::on_grid<std::uint8_t>(torso::straight_grid(), [](const Vec3d& x) { return torso::intensity(x) > -500; });
+  for (int k = 0; k < 8; ++k)
+    for (int j = 0; j < 8; ++j)
+      for (int i = 0; i < 8; ++i) {
+        ASSERT_EQ(mask.at(i, j, k), 0) << "the corner is air";
+        mask.at(i, j, k) = 1;
+      }
+  write_mask(file("island.nii.gz"), mask);
+  refused({{"--moving-mask", file("island.nii.gz")}}, input, {"a part of", "integration points", "float away", "mask"});
 }
 
 TEST_F(BadInput, ImagesThatDoNotOverlap) {
@@ -215,7 +228,8 @@ TEST_F(BadInput, OtherTablesAndImages) {
   refused({{"--points", file("p.csv", "x,y,z\n1,2,here\n")}}, input, {"p.csv, line 2", "'z'", "here"});
   refused({{"--tissue-table", file("t.csv", "name,shear_modulus_kpa\nfat,1\n")}}, input, {"8 tissue classes", "1 rows"});
   refused({{"--tissue-table", file("t2.csv", "name,shear_modulus_kpa\nfat,-1\n")}}, input, {"t2.csv, line 2", "positive"});
-  refused({{"--tissue-table", file("t3.csv", "name,shear_modulus_kpa,poisson_ratio\nfat,1,0.5\n")}}, input, {"t3.csv, line 2", "poisson_ratio is 0.5", "below 0.5"});
+  for (const char* ratio : {"0.5", "-0.1"}) refused({{"--tissue-table", file("t3.csv", concatenate("name,shear_modulus_kpa,poisson_ratio\nfat,1,", ratio, '\n'))}}, input, {"t3.csv, line 2", concatenate("poisson_ratio is ", ratio), "below 0.5"});
+  for (const char* ratio : {"nan", "", "soft"}) refused({{"--tissue-table", file("t3.csv", concatenate("name,shear_modulus_kpa,poisson_ratio\nfat,1,", ratio, '\n'))}}, input, {"t3.csv, line 2", "poisson_ratio"});
   write_image(file("mu.nii.gz"), Image(torso::straight_grid(), -1));
   refused({{"--shear-modulus", file("mu.nii.gz")}}, input, {"shear modulus image", "negative"});
   write_image(file("zero.nii.gz"), Image(torso::straight_grid()));

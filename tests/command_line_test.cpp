@@ -84,7 +84,7 @@ std::vector<Vec3d> moved(std::vector<Vec3d> points, const VectorImage& field) {
 TEST_F(CommandLine, RegisterWritesEveryFileAndNoOther) {
   ASSERT_EQ(shared.outcome.code, 0) << shared.outcome.err;
   EXPECT_EQ(program::listing(shared.folder / "result"),
-            (Strings{"body_mask.nii.gz", "displacement.png", "fixed_to_moving.h5", "fixed_to_moving.nrrd", "manifest.json", "metrics.json", "motions.json", "moving_to_fixed.nrrd",
+            (Strings{"body_mask.nii.gz", "convergence.png", "displacement.png", "fixed_to_moving.h5", "fixed_to_moving.nrrd", "manifest.json", "metrics.json", "motions.json", "moving_to_fixed.nrrd",
                      "nodes.csv", "nodes.vtu", "overlay.png", "points.csv", "shear_modulus.nii.gz", "shear_modulus.png", "warped.nii.gz", "warped_body.nii.gz", "warped_labels.nii.gz"}));
 }
 
@@ -101,6 +101,7 @@ TEST_F(CommandLine, MetricsAndManifestHaveTheDocumentedKeys) {
   }
   EXPECT_TRUE(manifest["solver"]["converged"]);
   EXPECT_GT(manifest["solver"]["history"].size(), 3u);
+  for (const char* key : {"step", "error_estimate_mm", "convergence_rate", "strain_energy_mN_mm"}) EXPECT_TRUE(manifest["solver"]["history"].back()[key].is_number()) << key;
   EXPECT_LT(metrics["solver"]["error_estimate_mm"], 0.05);
   EXPECT_GT(manifest["solver"]["nodes"], 1000);
   EXPECT_EQ(metrics["jacobian"]["folded_voxels"], 0);

@@ -174,6 +174,54 @@ TEST(DisplacementFigure, OfNoDisplacementIsDrawn) {
   EXPECT_GT(picture.height, 100);
 }
 
+constexpr int plot_left = 112, plot_width = 1352, plot_height = 220;  ///< [pixels] of the panels of the convergence figure
+bool curve(const Pixel& p) { return p.blue > p.red + 60; }
+bool tolerance_line(const Pixel& p) { return p.red > p.blue + 60; }
+
+/// Pixel of a panel (0, 1, 2 from the top) at a fraction of its width and height, the latter from below.
+Pixel in_plot(const Picture& picture, int plot, double across, double up) {
+  const int top = margin + heading + plot * (heading + plot_height + gap);
+  return pixel(picture, plot_left + int(across * plot_width), top + int((1 - up) * plot_height));
+}
+
+TEST(ConvergenceFigure, DrawsWhatIsKnownAndTheTolerance) {
+  const double none = std::nan("");
+  // Error: none at first and between steps 300 and 500. Energy: only at steps 0, 500 and 1000.
+  std::vector<HistoryEntry> history;
+  for (int step = 0; step <= 1000; step += 10)
+    history.push_back({step, step < 100 || (step > 300 && step < 500) ? none : 0.5, 0.1, step < 500 ? 0.75 : 0.95, step % 500 ? none : 2000.0 - step});
+  const Picture picture = convergence_figure(history, 0.05);
+  EXPECT_EQ(picture.width, 1500);
+  const double error = 1 + std::log10(0.5) / 2, tolerance = 1 + std::log10(0.05) / 2;  // from 0.01 to 1 mm
+  for (const double across : {0.15, 0.25, 0.55, 0.95}) EXPECT_TRUE(curve(in_plot(picture, 0, across, error))) << across;
+  for (const double across : {0.05, 0.35, 0.45}) EXPECT_FALSE(curve(in_plot(picture, 0, across, error))) << across;
+  EXPECT_FALSE(curve(in_plot(picture, 0, 0.25, error - 0.05)));
+  int dashes = 0, pixels = 0;
+  for (double across = 0.3; across < 0.9; across += 0.001, ++pixels) dashes += tolerance_line(in_plot(picture, 0, across, tolerance));
+  EXPECT_NEAR(double(dashes) / pixels, 0.5, 0.15) << "dashed, so that it is known without colour";
+  // Rate from 0.7 to 1, energy from 800 to 2000 mN mm; the energy's line bridges the steps without a value.
+  EXPECT_TRUE(curve(in_plot(picture, 1, 0.25, 0.05 / 0.3)));
+  EXPECT_TRUE(curve(in_plot(picture, 1, 0.75, 0.25 / 0.3)));
+  EXPECT_TRUE(curve(in_plot(picture, 2, 0.75, 450.0 / 1200)));
+  EXPECT_TRUE(curve(in_plot(picture, 2, 0.25, 950.0 / 1200)));
+}
+
+TEST(ConvergenceFigure, OfAShortOrConstantHistoryIsDrawn) {
+  const double none = std::nan("");
+  EXPECT_THROW(convergence_figure({}, 0.05), Error);
+  EXPECT_GT(convergence_figure({{1, none, 0, 0.7, 0}}, 0.05).height, 500);
+  EXPECT_GT(convergence_figure({{1, 0, 0, 1, none}, {11, 0, 0, 1, none}}, 1).height, 500);
+}
+
+TEST(Drawing, LinesJoinTheirEndsAndAreAsWideAsAsked) {
+  Picture picture = blank_picture(60, 40, white);
+  draw_line(picture, 10, 5, 50, 35, 4, black);
+  for (const double t : {0.0, 0.3, 0.5, 1.0}) EXPECT_EQ(pixel(picture, int(10 + 40 * t), int(5 + 30 * t)).red, 0) << t;
+  const auto ink = std::count(picture.rgb.begin(), picture.rgb.end(), 0) / 3;
+  EXPECT_NEAR(double(ink), 4 * 50 + 4 * 3.14, 0.1 * 212) << "length times width and two half discs";
+  draw_line(picture, -20, 20, 100, 20, 3, black);  // what lies outside is ignored
+}
+
 TEST(Slices, HaveSquarePixelsAndFollowThePlaneThroughAPoint) {
   Grid grid = plain_grid();
   grid.direction = rotation_matrix({0.2, 0.1, 0.4});

@@ -2,6 +2,7 @@
 
 #include <sstream>
 
+#include "core/error.hpp"
 #include "core/material.hpp"
 #include "io/tables.hpp"
 #include "program.hpp"
@@ -50,6 +51,38 @@ class Solve : public TemporaryFolder {
   fs::path write_case(const std::string& more, const std::string& lattice = "lattice = { origin = [0.0, 0.0, 0.0], spacing = 5.0 }\n", const std::string& material = "shear_modulus_kpa = 2.0\nbulk_modulus_kpa = 20.0\n") const {
     return file("case.toml", "[nodes]\nfile = \"nodes.csv\"\n" + lattice + "[points]\nfile = \"points.csv\"\n[material]\n" + material +
                                  "[constraints]\nfile = \"constraints.csv\"\n[probes]\nfile = \"probes.csv\"\n" + more);
+  }
+  /// elements.csv with the cells of the cube, and a case of finite elements; `row` replaces the second element, `more` follows in [elements].
+  void write_elements(const std::string& row = "", const std::string& more = "") const {
+    std::ofstream elements(file("elements.csv"));
+    elements << "n0,n1,n2,n3,n4,n5,n6,n7\n";
+    for (int k = 0; k < cells; ++k)
+      for (int j = 0; j < cells; ++j)
+        for (int i = 0; i < cells; ++i) {
+          if (!row.empty() && i == 1 && j == 0 && k == 0) {
+            elements << row << '\n';
+            continue;
+          }
+          elements << node(i, j, k) << ',' << node(i + 1, j, k) << ',' << node(i + 1, j + 1, k) << ',' << node(i, j + 1, k) << ',' << node(i, j, k + 1) << ',' << node(i + 1, j, k + 1) << ','
+                   << node(i + 1, j + 1, k + 1) << ',' << node(i, j + 1, k + 1) << '\n';
+        }
+    write_case("");
+    std::string text = program::content(file("case.toml"));
+    text.replace(text.find("[points]\nfile = \"points.csv\"\n"), 29, "[elements]\nfile = \"elements.csv\"\n" + more);
+    file("case.toml", text);
+  }
+  /// A second, smaller cube of nodes and points 30 mm beside the first.
+  void add_island() const {
+    std::string nodes = program::content(file("nodes.csv")), points = program::content(file("points.csv"));
+    for (int n = 0; n < 27; ++n) nodes += concatenate(60 + spacing * (n % 3), ',', spacing * (n / 3 % 3), ',', spacing * (n / 9), '\n');
+    for (int n = 0; n < 64; ++n) points += concatenate(60 + spacing * (n % 4 + 0.5) / 2, ',', spacing * (n / 4 % 4 + 0.5) / 2, ',', spacing * (n / 16 + 0.5) / 2, ",15.625\n");
+    file("nodes.csv", nodes), file("points.csv", points);
+  }
+  /// The faces of the cube brought nearer [mm].
+  void squeeze(double by) const {
+    std::string text = program::content(file("constraints.csv"));
+    for (std::size_t at; (at = text.find(",1,upper")) != std::string::npos;) text.replace(at, 8, concatenate(',', -by, ",upper"));
+    file("constraints.csv", text);
   }
   fs::path out(const std::string& name = "") const { return name.empty() ? file("out") : file("out") / name; }
   Outcome run(const Strings& more = {}) const {
@@ -158,12 +191,18 @@ TEST_F(Solve, ConstraintsThatMakeNoSense) {
   refused(input, {"line 2", "does not exist"});
   file("constraints.csv", "node,ux,uy,uz,set\n3,0,0,0,a\n3,0,1,0,b\n");
   refused(input, {"line 3", "node 3", "twice with different values", "0 and 1 mm", "keep one"});
+  file("constraints.csv", "node,ux,uy,uz,set\n3,0,0,,a\n3,2,,0,a\n");
+  refused(input, {"line 3", "node 3", "twice with different values", "0 and 2 mm", "keep one"});
+  file("constraints.csv", "node,ux,uy,uz,set\n1.5,0,0,0,a\n");
+  refused(input, {"line 2", "node 1.5 does not exist"});
   file("constraints.csv", "node,ux,uy,uz,set\n3,,,,a\n");
   refused(input, {"line 2", "no displacement component"});
   file("constraints.csv", "node,ux,uy,uz,set\n");
   refused(input, {"constraints.csv", "no constraints"});
   file("constraints.csv", "node,ux,uy,uz,set\n0,0,0,0,a\n1,0,0,0,a\n2,0,0,0,a\n");  // on one line
-  refused(input, {"free", "three components at three nodes"});
+  refused(input, {"1 rigid motions", "free", "three components at three nodes"});
+  file("constraints.csv", "node,ux,uy,uz,set\n0,,,0,a\n6,,,0,a\n42,,,0,a\n");  // slides and turns on the lower face
+  refused(input, {"3 rigid motions", "free", "three components at three nodes"});
   file("constraints.csv", "node,ux,uy\n0,0,0\n");
   refused(input, {"no column 'uz'"});
 }
@@ -248,12 +287,59 @@ TEST_F(Solve, MaterialsOfPointsThatMakeNoSense) {
     write_case("", "", material);
     refused(input, parts);
   };
+  for (const char* column : {"shear_modulus_kpa", "bulk_modulus_kpa", "density_kg_mm3"}) {
+    for (const char* value : {"0", "-1"}) refuse(column, value, "", {"points.csv, line 2", column, value, "positive"});
+    for (const char* value : {"nan", "inf", ""}) refuse(column, value, "", {"points.csv, line 2", column});
+  }
   for (const char* ratio : {"0.5", "-0.1"}) refuse("poisson_ratio", ratio, "", {"points.csv, line 2", "poisson_ratio", "below 0.5"});
   refuse("poisson_ratio,bulk_modulus_kpa", "0.3,5", "", {"points.csv", "same thing", "keep one"});
   refuse("ogden_exponent", "0", "model = \"ogden\"\n", {"points.csv, line 2", "ogden_exponent is 0"});
   refuse("c01_kpa", "-1", "model = \"mooney-rivlin\"\nc10_kpa = 2.0\n", {"points.csv, line 2", "c01_kpa -1"});
   refuse("c2_kpa", "-1", "model = \"yeoh\"\nc1_kpa = 2.0\n", {"points.csv, line 2", "c2_kpa"});
   refuse("fibre_x,fibre_y,fibre_z", "0,0,0", "model = \"transversely-isotropic\"\nfibre_modulus_kpa = 2.0\n", {"points.csv, line 2", "no direction"});
+}
+
+TEST_F(Solve, AFloatingPartIsNamedBySizeAndPlace) {
+  add_island();
+  for (const std::string& lattice : {std::string(), std::string("lattice = { origin = [0.0, 0.0, 0.0], spacing = 5.0 }\n")}) {
+    write_case("", lattice);
+    refused(input, {"64 integration points", "around (68.75, 8.75, 8.75) mm", "float away", "leave it out", "prescribe its motion"});
+  }
+}
+
+TEST_F(Solve, PointsWhereThereAreNoNodes) {
+  file("points.csv", program::content(file("points.csv")) + "15,15,1000,1\n1000,15,15,1\n");
+  for (const std::string& lattice : {std::string(), std::string("lattice = { origin = [0.0, 0.0, 0.0], spacing = 5.0 }\n")}) {
+    write_case("", lattice);
+    refused(input, {"2 of 1730 integration points", "no nodes", "row 1728", "(15, 15, 1000) mm", "remove them"});
+  }
+}
+
+TEST_F(Solve, NotANumberInAnyColumn) {
+  file("forces.csv", "x,y,z,fx,fy,fz\n15,15,15,1,0,0\n15,15,15,2,0,0\n");
+  file("pressure.csv", "x,y,z,ax,ay,az,pressure_kpa\n30,15,15,1,0,0,1\n30,10,15,1,0,0,1\n");
+  write_elements();  // leaves the other tables alone
+  write_case("[loads]\nforces = \"forces.csv\"\npressure = \"pressure.csv\"\n");
+  const std::string with_points = program::content(file("case.toml"));
+  const auto try_columns = [&](const std::string& name, int columns) {
+    const std::string plain = program::content(file(name));
+    for (int column = 0; column < columns; ++column) {
+      std::istringstream lines(plain);
+      std::string text, line;
+      for (int row = 0; std::getline(lines, line); ++row) {
+        std::size_t begin = 0;
+        for (int c = 0; c < column; ++c) begin = line.find(',', begin) + 1;
+        if (row == 2) line.replace(begin, line.find(',', begin) == std::string::npos ? std::string::npos : line.find(',', begin) - begin, "nan");
+        text += line + "\n";
+      }
+      file(name, text);
+      refused(input, {name + ", line 3", "'nan' is not a finite number"});
+    }
+    file(name, plain);
+  };
+  for (const auto& [name, columns] : {std::pair("nodes.csv", 3), {"points.csv", 4}, {"constraints.csv", 4}, {"probes.csv", 3}, {"forces.csv", 6}, {"pressure.csv", 7}}) try_columns(name, columns);
+  write_elements();
+  try_columns("elements.csv", 8);
 }
 
 TEST_F(Solve, TablesThatMakeNoSense) {
@@ -281,6 +367,19 @@ TEST_F(Solve, ProbesOutsideTheBody) {
 TEST_F(Solve, CasesThatMakeNoSense) {
   write_case("[solver]\ntolerance = 0.1\n");
   refused(input, {"solver.tolerance", "not a known setting", "tolerance_mm"});
+  for (const char* section : {"nodes", "points", "material", "constraints", "probes"}) {
+    write_case("");
+    std::string text = program::content(file("case.toml"));
+    text.insert(text.find(concatenate('[', section, "]\n")) + std::string(section).size() + 3, "colour = 1\n");
+    file("case.toml", text);
+    refused(input, {concatenate('`', section, ".colour`"), "not a known setting", "known here"});
+  }
+  for (const char* section : {"loads", "shape_functions"}) {
+    write_case(concatenate('[', section, "]\ncolour = 1\n"));
+    refused(input, {concatenate('`', section, ".colour`"), "not a known setting", "known here"});
+  }
+  write_case("[solver]\nprecision = 2\n");
+  refused(input, {"solver.precision", "wrong type", "a text in quotes"});
   write_case("[mesh]\nfile = \"x\"\n");
   refused(input, {"mesh", "not a known setting"});
   for (const char* setting : {"tolerance_mm = 0.0", "tolerance_mm = nan", "tolerance_mm = inf", "max_steps = 0", "max_steps = -5", "max_steps = 99999999999", "load_steps = -1", "stabilisation = -1.0", "stabilisation = inf", "coarse_unknowns = 0", "relaxation = \"fast\"", "precision = \"half\"",
@@ -371,6 +470,9 @@ TEST_F(Solve, MotionsThatMakeNoSense) {
            {"", {"dynamics.duration_s", "missing"}},
            {"duration_s = 0.0", {"dynamics.duration_s", "positive"}},
            {"duration_s = inf", {"dynamics.duration_s", "finite"}},
+           {"duration_s = -0.1", {"dynamics.duration_s` is -0.1", "positive"}},
+           {"duration_s = \"long\"", {"dynamics.duration_s", "must be a number"}},
+           {"duration_s = 0.1\ntime_step_s = -0.001", {"dynamics.time_step_s", "positive"}},
            {"duration_s = 0.1\ntime_step_s = 0.05", {"time step of 0.05 s is not stable", "below"}},
            {"duration_s = 0.1\ntime_step_s = 0.0001\nsafety = 0.5", {"dynamics.time_step_s", "keep one"}},
            {"duration_s = 0.1\nsafety = 1.5", {"dynamics.safety", "at most 1"}},
@@ -403,6 +505,9 @@ TEST_F(Solve, LoadsThatMakeNoSense) {
   refused(input, {"forces.csv", "no rows"});
   file("forces.csv", "x,y,z,fx,fy,fz\n1,1,99,0,0,1\n");
   refused(input, {"row 0", "(1, 1, 99)", "outside the body"});
+  write_case("[loads]\nforces = \"forces.csv\"\n[dynamics]\nduration_s = 0.01\n");
+  refused(input, {"row 0", "(1, 1, 99)", "outside the body"});
+  write_case("[loads]\nforces = \"forces.csv\"\n");
   file("forces.csv", "x,y,z,fx,fy,fz,set\n1,1,1,0,0,1,gravity\n");
   refused(input, {"forces.csv, line 2", "'gravity'"});
   write_case("[loads]\npressure = \"forces.csv\"\n");
@@ -414,6 +519,64 @@ TEST_F(Solve, MotionThatGrowsWithoutBoundKeepsTheOutputsSoFar) {
   expect_refusal(run(), numerical, {"grows without bound at step", "time", "safety"});
   EXPECT_GE(Table::read(out("history.csv")).rows(), 1u);
   EXPECT_FALSE(fs::exists(out("summary.json")));
+}
+
+TEST_F(Solve, ElementsThatMakeNoSense) {
+  for (const auto& [row, parts] : std::vector<std::pair<std::string, Strings>>{
+           {"x,2,9,8,50,51,58,57", {"elements.csv, line 3", "'n0'", "'x'"}},
+           {"1.5,2,9,8,50,51,58,57", {"elements.csv, line 3", "1.5 is no node number", "0, 1, 2"}},
+           {"1e300,2,9,8,50,51,58,57", {"elements.csv, line 3", "no node number"}},
+           {"343,2,9,8,50,51,58,57", {"element 1", "node 343 does not exist", "0 to 342"}},
+           {"-1,2,9,8,50,51,58,57", {"element 1", "node -1 does not exist", "0 to 342"}},
+           {"2,2,9,8,50,51,58,57", {"element 1", "flat", "correct its nodes"}},
+           {"50,51,58,57,1,2,9,8", {"element 1", "(7.5, 2.5, 2.5) mm", "inside out", "other way round"}},
+           {"0,1,8,7,49,50,57,56", {"elements 0 and 1 overlap", "remove one"}},
+           {"1,2,9", {"elements.csv, line 3", "3 cells", "commas"}}}) {
+    write_elements(row);
+    refused(input, parts);
+  }
+  write_elements("", "colour = 1\n");
+  refused(input, {"elements.colour", "not a known setting"});
+}
+
+TEST_F(Solve, OnePointPerElementIsEnough) {
+  write_elements();
+  Outcome outcome = run();
+  ASSERT_EQ(outcome.code, 0) << outcome.err;
+  EXPECT_EQ(outcome.err.find("integration points per node"), std::string::npos) << outcome.err;
+  for (const char* key : {"fewest_points_per_node", "nodes_with_few_points"}) EXPECT_FALSE(summary().contains(key)) << key;
+  EXPECT_EQ(program::content(out("nodes.vtu")).find("points_per_node"), std::string::npos);
+  // The same places as points of the meshless method are too few.
+  std::ofstream points(file("points.csv"));
+  points << "x,y,z,volume\n";
+  for (int n = 0; n < cells * cells * cells; ++n)
+    points << spacing * (n % cells + 0.5) << ',' << spacing * (n / cells % cells + 0.5) << ',' << spacing * (n / (cells * cells) + 0.5) << ",125\n";
+  points.close();
+  write_case("", "");
+  outcome = run({"--force"});
+  ASSERT_EQ(outcome.code, 0) << outcome.err;
+  EXPECT_NE(outcome.err.find("integration points per node"), std::string::npos) << outcome.err;
+  EXPECT_LT(summary()["fewest_points_per_node"].get<double>(), 1);
+  EXPECT_GT(summary()["nodes_with_few_points"], 0);
+  EXPECT_NE(program::content(out("nodes.vtu")).find("points_per_node"), std::string::npos);
+}
+
+TEST_F(Solve, StrongCompressionIsAppliedInSmallerSteps) {
+  squeeze(0.5 * side);
+  const Outcome outcome = run();
+  ASSERT_EQ(outcome.code, 0) << outcome.err;
+  EXPECT_GT(summary()["load_increments"], 1);
+  EXPECT_GT(summary()["smallest_volume_ratio"], 0);
+}
+
+TEST_F(Solve, FacesThatPassThroughEachOtherAreANumericalFailure) {
+  const Strings reason{"inside out", "volume ratio -", " mm)", "check the motions there", "smaller node spacing"};
+  squeeze(1.5 * side);
+  refused(numerical, reason);
+  write_case("[solver]\nrelaxation = \"plain\"\n");
+  refused(numerical, reason);
+  write_elements();
+  refused(numerical, reason);
 }
 
 TEST_F(Solve, CommandLineMistakes) {

@@ -310,7 +310,8 @@ RelaxationResult relax(const SlotModel<Real>& model, const SolverOptions& option
   step.rho = two_level ? 0.7 : 0.97;
   double omega_squared = nan;
   std::deque<double> recent;
-  int calm = 0, checked = ramp;
+  int calm = 0, checked = ramp, inverted_for = 0;
+  constexpr int longest_inversion = 1000;  ///< steps in a row with points inside out, after which it has diverged
   const int patience = two_level ? 300 : 3000;  ///< steps after which u is corrected although the estimate is too large
   bool suspicious = false;                      ///< a correction was larger than the rate foretold, or too large
   const auto record = [&](double estimate, double largest) {
@@ -346,7 +347,7 @@ RelaxationResult relax(const SlotModel<Real>& model, const SolverOptions& option
     } else if (two_level && n < settle) {
       step.rho = n < 40 ? 0.7 : 0.9;
     }
-    model.force(u, load, f);
+    inverted_for = model.force(u, load, f).inverted > 0 ? inverted_for + 1 : 0;
     ++result.force_evaluations;
     model.constraints->reduce(f);
     precondition(model, f, g);
@@ -357,7 +358,7 @@ RelaxationResult relax(const SlotModel<Real>& model, const SolverOptions& option
     const double recent_max = *std::max_element(recent.begin(), recent.end());
     const double slow = step.rho + 0.2 * (1 - step.rho);
     result.error_estimate = slow / (1 - slow) * recent_max;
-    if (!(largest < model.largest_increment)) {
+    if (!(largest < model.largest_increment) || inverted_for == longest_inversion) {
       result.diverged = true;
       return result;
     }

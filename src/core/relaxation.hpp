@@ -81,7 +81,7 @@ NodalField<Real> rough_vector(const SlotModel<Real>& model);
 
 struct RelaxationResult {
   bool converged = false;
-  bool diverged = false;
+  bool diverged = false;              ///< a step too large, or points inside out for too long
   int steps = 0, force_evaluations = 0;
   double error_estimate = 0;
   double largest_eigenvalue = 0;  ///< of P K that the last steps were made for

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 
 #include "core/error.hpp"
 #include "core/point_material.hpp"
@@ -130,7 +131,7 @@ void require_held(const SlotModel<Real>& model, const Cloud& cloud, const Constr
   for (const auto& [root, piece] : with_points) {
     const auto& [count, place] = piece;
     const std::string where = concatenate("(a part of ", count, " integration points, around (", place.x, ", ", place.y, ", ", place.z, ") mm)");
-    require(fixed.count(root), "part of the body ", where, " is connected to no prescribed displacement and could float away; remove it from the mask, or prescribe its motion");
+    require(fixed.count(root), "part of the body ", where, " is connected to no prescribed displacement and could float away; leave it out of the body (the mask), or prescribe its motion");
     const int held = held_motions(fixed[root]);
     require(held == 6, "the prescribed displacements leave ", 6 - held, " rigid motions of the body free ", where,
             "; prescribe three components at three nodes that are not on one line, or the like");
@@ -270,6 +271,7 @@ void measure_state(const SlotModel<Real>& model, const NodalField<Real>& u, Solu
             F[i][k] += double(u.at(std::size_t(t.base[p] + t.offset[std::size_t(s)]), i)) * t.gradient[std::size_t(s)][k];
       energy += points.volume[p] * with_material<double>(points, p, [&](const auto& material) { return material.energy(F); });
       ratio[p] = determinant(F);
+      if (std::isnan(ratio[p])) ratio[p] = -std::numeric_limits<double>::infinity();  // of a state that grew without bound
     }
     return energy;
   });
@@ -282,6 +284,15 @@ void measure_state(const SlotModel<Real>& model, const NodalField<Real>& u, Solu
 template void measure_state<double>(const SlotModel<double>&, const NodalField<double>&, Solution&, Vec3d&);
 
 namespace {
+
+/// Where the body is compressed most, for messages.
+template <class Real>
+std::string at_worst_place(const SlotModel<Real>& model, const NodalField<Real>& u) {
+  Solution state;
+  Vec3d x;
+  measure_state(model, u, state, x);
+  return concatenate("(smallest volume ratio ", state.smallest_volume_ratio, " at (", x.x, ", ", x.y, ", ", x.z, ") mm)");
+}
 
 /// Linear-elastic start in `fewest_increments` load increments, and more, each linearised about the last, when one leaves points (nearly)
 /// inside out. The coarse matrix is left assembled at the start. Returns the products with the stiffness matrix.
@@ -308,7 +319,7 @@ int start_two_level(SlotModel<Real>& model, const SolverOptions& options, int fe
       u.swap(state);
       if (ratio.inverted > 0)
         fail(Failure::numerical, "the prescribed motions turn ", ratio.inverted, " integration points inside out even when applied in ", increments,
-             " increments: they ask for more than the tissue between the rigid bodies can follow; check the motions (do two bodies run into each other?), or use a smaller node spacing");
+             " increments ", at_worst_place(model, u), ": they ask for more than the tissue between the rigid bodies can follow; check the motions there (do two bodies run into each other?), or use a smaller node spacing");
       model.coarse->assemble(model.supports, *model.points, u);
       return products;
     }
@@ -371,9 +382,10 @@ Solution solve_with(const Approximation& field, IntegrationPoints& points, const
     return field_at_nodes->largest(parameters);
   };
   NodalField<Real> u(model.position.size());
-  // Where the start is too far from equilibrium the relaxation diverges; then again with a finer start and shorter steps.
+  // Where the start is too far from equilibrium the relaxation diverges or turns points inside out; then again with a finer start and shorter steps.
   RelaxationResult relaxed;
   double safety = 1;
+  Vec3d worst{};
   for (int increments : {1, 4, 16}) {
     u.clear();
     if (model.coarse) {
@@ -382,19 +394,18 @@ Solution solve_with(const Approximation& field, IntegrationPoints& points, const
     }
     relaxed = relax(model, options, safety, u);
     solution.force_evaluations += relaxed.force_evaluations;
-    if (!relaxed.diverged) break;
+    measure_state(model, u, solution, worst);
+    if (!relaxed.diverged && !(relaxed.converged && solution.inverted_points > 0)) break;
     safety *= 2;
   }
   if (relaxed.diverged)
-    fail(Failure::numerical, "the solution diverged at step ", relaxed.steps, ", also with shorter steps and a finer start; the prescribed motions deform the body "
-         "too strongly between some nodes: check them, or use a smaller node spacing");
+    fail(Failure::numerical, "the solution diverged at step ", relaxed.steps, ", also with shorter steps and a finer start, and ", solution.inverted_points, " integration points are inside out ", at_worst_place(model, u),
+         ": the prescribed motions deform the body too strongly between some nodes; check the motions there, or use a smaller node spacing");
   watch.lap("relaxation");
   solution.converged = relaxed.converged;
   solution.steps = relaxed.steps;
   solution.error_estimate_mm = relaxed.error_estimate;
   solution.history = relaxed.history;
-  Vec3d worst{};
-  measure_state(model, u, solution, worst);
   NodalField<Real> f(u.slots());
   model.force(u, 1, f);
   const std::vector<Vec3d> reaction = model.constraints->reactions(f);
@@ -417,9 +428,7 @@ Solution solve_with(const Approximation& field, IntegrationPoints& points, const
   }, 256);
   watch.lap("field at nodes");
   if (solution.inverted_points > 0)
-    fail(Failure::numerical, solution.inverted_points, " integration points are turned inside out at the end (smallest volume ratio ",
-         solution.smallest_volume_ratio, " at (", worst.x, ", ", worst.y, ", ", worst.z,
-         ") mm): the prescribed motions ask for more than the tissue between them can follow; check the motions there, or use a smaller node spacing");
+    fail(Failure::numerical, solution.inverted_points, " integration points are turned inside out at the end ", at_worst_place(model, u), ": the prescribed motions ask for more than the tissue between them can follow; check the motions there, or use a smaller node spacing");
   return solution;
 }
 

@@ -61,7 +61,7 @@ struct Solution {
   std::size_t inverted_points = 0;
   std::size_t points = 0, stencils = 0, enlarged_supports = 0, dropped_points = 0, coarse_unknowns = 0;
   double bytes = 0;                   ///< of the solver's tables and state
-  std::vector<double> points_per_node;    ///< [num_nodes] integration points per node around there; 0: seen by none
+  std::vector<double> points_per_node;    ///< [num_nodes] integration points per node around there; 0: seen by none; of use without elements only
   std::map<std::string, double> seconds;  ///< per stage
   std::vector<HistoryEntry> history;
 };

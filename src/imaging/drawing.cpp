@@ -33,6 +33,17 @@ void fill(Picture& picture, const Rectangle& area, Color color) {
     for (int x = area.left; x < area.left + area.width; ++x) set_pixel(picture, x, y, color);
 }
 
+void draw_line(Picture& picture, double x0, double y0, double x1, double y1, int thickness, Color color) {
+  const int steps = 1 + int(std::ceil(std::max(std::abs(x1 - x0), std::abs(y1 - y0))));
+  const double radius = 0.5 * thickness;
+  for (int i = 0; i <= steps; ++i) {
+    const double x = x0 + (x1 - x0) * i / steps, y = y0 + (y1 - y0) * i / steps;  // pixel (a, b) covers [a, a + 1] x [b, b + 1]
+    for (int b = int(std::floor(y - radius)); b <= int(y + radius); ++b)
+      for (int a = int(std::floor(x - radius)); a <= int(x + radius); ++a)
+        if (std::hypot(a + 0.5 - x, b + 0.5 - y) <= std::max(radius, 0.75)) set_pixel(picture, a, b, color);
+  }
+}
+
 void paste(Picture& picture, const Picture& tile, int left, int top) {
   for (int y = 0; y < tile.height; ++y)
     for (int x = 0; x < tile.width; ++x) {

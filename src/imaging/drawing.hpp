@@ -20,6 +20,8 @@ Picture blank_picture(int width, int height, Color background);
 /// Sets one pixel; pixels outside the picture are ignored, here and below.
 void set_pixel(Picture& picture, int x, int y, Color color);
 void fill(Picture& picture, const Rectangle& area, Color color);
+/// A straight line with round ends, `thickness` pixels wide.
+void draw_line(Picture& picture, double x0, double y0, double x1, double y1, int thickness, Color color);
 /// Copies `tile` to where its top left corner is at (left, top).
 void paste(Picture& picture, const Picture& tile, int left, int top);
 /// Mean of 2 x 2 pixels: the last step of drawing smooth lines at twice the resolution.

@@ -2,6 +2,7 @@
 #include <string>
 #include <vector>
 
+#include "core/solver.hpp"
 #include "core/volume.hpp"
 
 namespace mtled {
@@ -26,5 +27,9 @@ Picture overlay_figure(const Image& fixed, const std::vector<Candidate>& candida
 Picture displacement_figure(const Image& moving, const VectorImage& displacement, const Mask& covered);
 /// Shear modulus [kPa] in colour on the same slices, where it is positive; 5 kPa and more (bone) share the last colour.
 Picture shear_modulus_figure(const Image& moving, const Image& shear_modulus);
+/// How the solver came to its end: estimated error with the tolerance [mm] on a logarithmic axis, convergence rate and
+/// strain energy [mN mm] over the relaxation step. NaN is left out: there is no estimate at first, and the energy is
+/// computed now and then. Throws an input error without history.
+Picture convergence_figure(const std::vector<HistoryEntry>& history, double tolerance_mm);
 
 }  // namespace mtled

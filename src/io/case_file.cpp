@@ -225,7 +225,7 @@ Elements read_elements(const std::filesystem::path& path) {
   for (std::size_t r = 0; r < table.rows(); ++r)
     for (int c : column) {
       const double n = table.number(r, c);
-      require(n == std::floor(n) && std::abs(n) < std::numeric_limits<int>::max(), table.place(r), ": ", n, " is no node number");
+      require(n == std::floor(n) && std::abs(n) < std::numeric_limits<int>::max(), table.place(r), ": ", n, " is no node number; nodes are numbered 0, 1, 2, ... in the order of their table");
       elements.node.push_back(int(n));
     }
   return elements;

@@ -29,12 +29,14 @@ Json summary_of(const Solution& s) {
   j["stencils"] = s.stencils;
   j["enlarged_supports"] = s.enlarged_supports;
   j["dropped_points"] = s.dropped_points;
-  const auto seen = [](double per_node) { return per_node > 0; };
-  double fewest = 0;
-  for (double per_node : s.points_per_node)
-    if (seen(per_node) && (fewest == 0 || per_node < fewest)) fewest = per_node;
-  j["fewest_points_per_node"] = fewest;
-  j["nodes_with_few_points"] = std::count_if(s.points_per_node.begin(), s.points_per_node.end(), [&](double per_node) { return seen(per_node) && per_node < enough_points_per_node; });
+  if (!s.points_per_node.empty()) {
+    const auto seen = [](double per_node) { return per_node > 0; };
+    double fewest = 0;
+    for (double per_node : s.points_per_node)
+      if (seen(per_node) && (fewest == 0 || per_node < fewest)) fewest = per_node;
+    j["fewest_points_per_node"] = fewest;
+    j["nodes_with_few_points"] = std::count_if(s.points_per_node.begin(), s.points_per_node.end(), [&](double per_node) { return seen(per_node) && per_node < enough_points_per_node; });
+  }
   j["coarse_unknowns"] = s.coarse_unknowns;
   double total = 0;
   for (const auto& [stage, t] : s.seconds) j["stage_seconds"][stage] = t, total += t;
@@ -54,7 +56,7 @@ void write_nodes(const std::filesystem::path& directory, const Cloud& cloud, con
     for (int n : constraints.node) prescribed.values[std::size_t(n)] = 1;
     more.insert(more.begin(), std::move(prescribed));
   }
-  more.push_back({"points_per_node", 1, {solution.points_per_node.begin(), solution.points_per_node.end()}});
+  if (!solution.points_per_node.empty()) more.push_back({"points_per_node", 1, {solution.points_per_node.begin(), solution.points_per_node.end()}});
   more.insert(more.begin(), std::move(u));
   write_vtu(directory / "nodes.vtu", cloud.nodes, more);
 }

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <set>
 #include <string>
+#include <type_traits>
 
 #include "core/error.hpp"
 
@@ -23,7 +24,7 @@ class TomlSection {
   T value(const std::string& key, T otherwise) {
     if (!has(key)) return otherwise;
     const auto v = (*table_)[key].template value<T>();
-    require(v.has_value(), place(key), " has the wrong type");
+    require(v.has_value(), place(key), " has the wrong type; it must be ", kind<T>);
     return *v;
   }
   std::string required_text(const std::string& key) {
@@ -53,6 +54,9 @@ class TomlSection {
   }
 
  private:
+  template <class T>
+  static constexpr const char* kind = std::is_same_v<T, bool> ? "true or false" : std::is_same_v<T, std::string> ? "a text in quotes" : std::is_integral_v<T> ? "a whole number" : "a number";
+
   const toml::table* table_;
   std::string file_, name_;
   std::set<std::string> known_;
