@@ -184,6 +184,36 @@ TEST_P(Collocation, IsNeeded) {
   EXPECT_GT(worst(s), 1e-3 * largest_value(p.constraints));
 }
 
+/// Two prescribed nodes `distance` spacings apart on the moved face of an irregular cloud.
+Problem close_nodes(double distance) {
+  Problem p = problem({Scheme::collocation_jittered, Region::face, Basis::linear});
+  std::vector<Vec3d> nodes = p.cloud.nodes;
+  const std::size_t row = std::size_t(std::max_element(p.constraints.displacement.begin(), p.constraints.displacement.end(), [](const Vec3d& a, const Vec3d& b) { return norm(a) < norm(b); }) - p.constraints.displacement.begin());
+  nodes.push_back(nodes[std::size_t(p.constraints.node[row])] - Vec3d{distance * h, 0.5 * distance * h, 0});
+  p.cloud = make_cloud(std::move(nodes), std::nullopt);
+  p.constraints.node.push_back(int(p.cloud.size()) - 1), p.constraints.displacement.push_back(p.constraints.displacement[row]);
+  p.constraints.fixed.push_back({true, true, true}), p.constraints.set.push_back(int(p.constraints.set_names.size())), p.constraints.set_names.push_back("close");
+  return p;
+}
+
+TEST(CloseNodes, AreSolvedUntilRoundingTakesOver) {
+  // Same displacement at both: with 0.001 spacings between them a gradient of zero is all that is asked for there.
+  const Problem near = close_nodes(1e-3);
+  const Solution s = near.solve(solver_options(false, 0.01));
+  EXPECT_TRUE(s.converged);
+  for (std::size_t b = 0; b < near.constraints.node.size(); ++b)
+    EXPECT_LT(norm(s.displacement[std::size_t(near.constraints.node[b])] - near.constraints.displacement[b]), 1e-6 * largest_value(near.constraints));
+  Failure failure{};
+  const Problem too_near = close_nodes(1e-6);
+  const std::string message = scenes::error_of([&] { too_near.solve(solver_options(false, 0.01)); }, &failure);
+  EXPECT_EQ(failure, Failure::input);
+  for (const char* part : {"prescribed displacement", "too close together, remove one"}) EXPECT_NE(message.find(part), std::string::npos) << message;
+  const std::size_t at = message.find("node ");
+  ASSERT_EQ(at, 0u);
+  const int named = std::stoi(message.substr(5));
+  EXPECT_LT(norm(too_near.cloud.nodes[std::size_t(named)] - too_near.cloud.nodes.back()), 1e-5 * h) << "names one of the two";
+}
+
 class Forces : public testing::TestWithParam<Setting> {
  protected:
   const Problem p = problem(GetParam());
