@@ -507,6 +507,7 @@ TEST_F(ElementCase, SettingsThatMakeNoSense) {
   refused({"elements.hourglass", "positive"}, "hourglass = 0.0");
   refused({"elements.nodal_pressure", "elements of 4 nodes"}, "nodal_pressure = true");
   refused({"elements.typo"}, "typo = 1");
+  refused({"constraints.scheme", "moving least squares", "remove it"}, "", "scheme = \"collocation\"\n");
   write_elements(tetrahedra, "");
   refused({"elements.hourglass", "elements of 8 nodes"}, "hourglass = 0.02");
   file("elements.csv", "n0,n1,n2\n0,1,2\n");

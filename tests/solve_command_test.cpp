@@ -84,6 +84,13 @@ class Solve : public TemporaryFolder {
     for (std::size_t at; (at = text.find(",1,upper")) != std::string::npos;) text.replace(at, 8, concatenate(',', -by, ",upper"));
     file("constraints.csv", text);
   }
+  /// Of the constraints, in the case that was written last.
+  void choose_scheme(const std::string& scheme) const {
+    std::string text = program::content(file("case.toml"));
+    const std::size_t table = text.find("file = \"constraints.csv\""), before = text.rfind("[constraints]", table);
+    text.replace(before, table - before, "[constraints]\nscheme = \"" + scheme + "\"\n");
+    file("case.toml", text);
+  }
   fs::path out(const std::string& name = "") const { return name.empty() ? file("out") : file("out") / name; }
   Outcome run(const Strings& more = {}) const {
     Strings arguments{"solve", file("case.toml"), "-o", out()};
@@ -182,6 +189,35 @@ TEST_F(Solve, PointsInCoupledCellsAreRearrangedUnlessToldNotTo) {
   ASSERT_EQ(run({"--force"}).code, 0);
   EXPECT_EQ(summary()["integration_points"], given);
   EXPECT_LT(rearranged, summary()["reactions_mN"]["upper"][2]) << "fewer constraints of volume make it softer";
+}
+
+TEST_F(Solve, SchemeOfConstraintsCanBeChosen) {
+  ASSERT_EQ(run().code, 0);
+  const std::string coupled = program::content(out("nodes.csv"));
+  choose_scheme("coupling");
+  ASSERT_EQ(run({"--force"}).code, 0);
+  EXPECT_EQ(program::content(out("nodes.csv")), coupled) << "the default on a lattice";
+  choose_scheme("collocation");
+  ASSERT_EQ(run({"--force"}).code, 0);
+  EXPECT_EQ(summary()["integration_points"], 8 * cells * cells * cells) << "there are no coupled cells to rearrange points in";
+  EXPECT_NE(program::content(out("nodes.csv")), coupled);
+  const std::vector<Vec3d> x = read_points(out("nodes.csv")), u = read_points(out("nodes.csv"), {"ux", "uy", "uz"});
+  for (std::size_t n = 0; n < x.size(); ++n) {
+    if (x[n].z == 0 || x[n].z == side) {
+      EXPECT_LT(norm(u[n] - Vec3d{0, 0, x[n].z / side}), 1e-6) << "node " << n;
+    }
+  }
+  write_case("", "");
+  ASSERT_EQ(run({"--force"}).code, 0);
+  const std::string general = program::content(out("nodes.csv"));
+  choose_scheme("collocation");
+  ASSERT_EQ(run({"--force"}).code, 0);
+  EXPECT_EQ(program::content(out("nodes.csv")), general) << "the only scheme where there is no lattice";
+  fs::remove_all(out());
+  choose_scheme("coupling");
+  refused(input, {"constraints.scheme", "lattice", "choose collocation"});
+  choose_scheme("penalty");
+  refused(input, {"constraints.scheme", "'penalty'", "choose coupling or collocation"});
 }
 
 TEST_F(Solve, ConstraintsThatMakeNoSense) {

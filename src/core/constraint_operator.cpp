@@ -2,6 +2,7 @@
 
 #include <Eigen/Sparse>
 #include <Eigen/SparseLU>
+#include <cmath>
 
 #include "core/error.hpp"
 
@@ -9,6 +10,7 @@ namespace mtled {
 namespace {
 
 constexpr double interpolation_tolerance = 1e-9;  ///< |phi_I(x_J) - delta_IJ| of a node that is interpolated
+constexpr double worst_magnification = 1e8;       ///< ordinary clouds have 5 to 60; with two nodes 1e-5 spacings apart (1e10) single precision no longer converges
 
 }  // namespace
 
@@ -27,6 +29,24 @@ struct ConstraintOperator<Real>::Component {
     Eigen::VectorXd fb(Eigen::Index(slot.size()));
     for (std::size_t b = 0; b < slot.size(); ++b) fb[Eigen::Index(b)] = f[slot[b]];
     return direct ? fb : Eigen::VectorXd(factor_transposed.solve(fb));
+  }
+
+  /// Largest factor by which solving for the parameters magnifies errors of the values, 1 / smallest singular value of
+  /// Phi_BB, by inverse iteration; `worst` [out]: the row that it concerns most.
+  double magnification(std::size_t& worst) const {
+    Eigen::VectorXd v(Eigen::Index(slot.size()));
+    for (Eigen::Index b = 0; b < v.size(); ++b) v[b] = std::cos(double(b));  // no pattern that a mode could be orthogonal to
+    double squared = 1;
+    constexpr int iterations = 10;
+    for (int i = 0; i < iterations; ++i) {
+      v.normalize();
+      v = factor.solve(factor_transposed.solve(v));
+      squared = v.norm();
+    }
+    Eigen::Index at;
+    v.cwiseAbs().maxCoeff(&at);
+    worst = std::size_t(row[std::size_t(at)]);
+    return std::sqrt(squared);
   }
 };
 
@@ -71,6 +91,13 @@ ConstraintOperator<Real>::ConstraintOperator(const Approximation& field, const S
       component->factor_transposed.compute(transposed);
       require(component->factor.info() == Eigen::Success && component->factor_transposed.info() == Eigen::Success,
               "the prescribed nodes' shape functions cannot be inverted: some of these nodes are too close together; thin them out");
+      std::size_t worst;
+      if (component->magnification(worst) > worst_magnification) {
+        const int node = constraints.node[worst];
+        const Vec3d& x = field.cloud().nodes[std::size_t(node)];
+        fail(Failure::input, "node ", node, " at (", x.x, ", ", x.y, ", ", x.z,
+             ") mm has a prescribed displacement and all but the same support as another such node: rounding would be magnified until nothing converges; they are too close together, remove one of them");
+      }
     }
     component_.push_back(std::move(component));
   }

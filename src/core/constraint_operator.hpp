@@ -18,7 +18,7 @@ namespace mtled {
 template <class Real>
 class ConstraintOperator {
  public:
-  /// Input error when the prescribed nodes' shape functions cannot be inverted.
+  /// Input error when the prescribed nodes' shape functions cannot be inverted, or not without magnifying rounding too much.
   ConstraintOperator(const Approximation& field, const SlotLayout& layout, const Constraints& constraints);
   ~ConstraintOperator();
 

@@ -322,6 +322,14 @@ SolveCase read_case(const std::filesystem::path& path) {
   TomlSection constraints(root.section("constraints"), file, "constraints");
   if (root.has("constraints") || !root.has("dynamics"))  // a body in motion need not be held
     result.constraints = read_constraints(beside(constraints.required_text("file")), result.cloud.size());
+  if (constraints.has("scheme")) {
+    const std::string scheme = constraints.value<std::string>("scheme", "");
+    require(scheme == "coupling" || scheme == "collocation", constraints.place("scheme"), " is '", scheme, "'; choose coupling or collocation");
+    require(result.elements.size() == 0, constraints.place("scheme"), " is for moving least squares: finite elements interpolate prescribed nodes as they are; remove it");
+    require(scheme == "collocation" || result.cloud.lattice, constraints.place("scheme"),
+            " = \"coupling\" needs the cells of a lattice, and there is none; add nodes.lattice if the nodes are on one, or choose collocation");
+    result.couple = scheme == "coupling";
+  }
   constraints.finish();
 
   TomlSection probes(root.section("probes"), file, "probes");
@@ -380,8 +388,11 @@ SolveCase read_case(const std::filesystem::path& path) {
 
 Discretisation discretise(const SolveCase& problem) {
   if (problem.elements.size() == 0) {
-    std::vector<std::uint8_t> prescribed(problem.cloud.size(), 0);
-    for (int n : problem.constraints.node) prescribed[std::size_t(n)] = 1;
+    std::vector<std::uint8_t> prescribed;
+    if (problem.couple) {
+      prescribed.resize(problem.cloud.size());
+      for (int n : problem.constraints.node) prescribed[std::size_t(n)] = 1;
+    }
     return {std::make_unique<ShapeEvaluator>(problem.cloud, std::move(prescribed), problem.shapes), {}};
   }
   auto elements = std::make_unique<FiniteElements>(problem.cloud, problem.elements, problem.nodal_pressure);

@@ -17,6 +17,7 @@ struct SolveCase {
   IntegrationPoints points;    ///< one per element where there are elements
   bool align_points = true;    ///< with the lattice cells that touch prescribed nodes (core/coupled_integration.hpp)
   Constraints constraints;
+  bool couple = true;          ///< on a lattice: prescribed nodes with finite elements; false: collocation, as on other clouds
   std::vector<Vec3d> probes;   ///< may be empty
   MlsOptions shapes;           ///< where there are no elements
   Elements elements;           ///< may be empty
