@@ -371,8 +371,8 @@ RelaxationResult relax(const SlotModel<Real>& model, const SolverOptions& option
       if (two_level) model.coarse->assemble(model.supports, *model.points, u);  // what is slow is what the start's matrix does not know
       const Correction correction = correct(model, window, suspicious ? 0.15 : 0.3, options.tolerance_mm, u);
       result.force_evaluations += correction.products;
-      // What the rate foretold is known well. A larger correction met a slow mode: more of it may be missing.
-      suspicious = suspicious || correction.largest > result.error_estimate;
+      // What the rate foretold is known well. A much larger correction met a slow mode: more of it may be missing.
+      suspicious = suspicious || correction.largest > 1.5 * result.error_estimate;
       result.error_estimate = (suspicious ? 2 : 0.25) * correction.largest;
       record(result.error_estimate, largest);
       result.converged = correction.settled && result.error_estimate < options.tolerance_mm;
