@@ -247,7 +247,7 @@ Correction correct(const SlotModel<Real>& model, int window, double residual, do
   const long inverted = model.force(u, 1, r).inverted;
   model.constraints->reduce(r);
   combine(r, 0, r, -1);
-  constexpr int most_windows = 30;
+  constexpr int most_windows = 12;
   Correction correction{0, true, 2};
   const auto settled = [&](int iteration, double relative) {
     if (iteration % window != 0) return false;
@@ -259,7 +259,9 @@ Correction correct(const SlotModel<Real>& model, int window, double residual, do
     before.copy_from(x);
     return correction.settled;
   };
-  correction.products += conjugate_residuals(model, u, most_windows * window, settled, r, x);
+  const int products = conjugate_residuals(model, u, most_windows * window, settled, r, x);
+  correction.products += products;
+  if (products > most_windows * window) correction.settled = true;  // anything so slow would have been met; rounding may hold the residual up
   before.copy_from(u);
   combine(u, 1, x, 1);
   model.constraints->impose(u, 1);
