@@ -9,10 +9,17 @@
 namespace mtled {
 namespace {
 
-constexpr double interpolation_tolerance = 1e-9;  ///< |phi_I(x_J) - delta_IJ| of a node that is interpolated
-constexpr double worst_magnification = 1e8;       ///< ordinary clouds have 5 to 60; with two nodes 1e-5 spacings apart (1e10) single precision no longer converges
+constexpr double worst_magnification = 1e8;  ///< ordinary clouds have 5 to 60; with two nodes 1e-5 spacings apart (1e10) single precision no longer converges
 
 }  // namespace
+
+std::vector<ShapeFunctions> shapes_at_prescribed_nodes(const Approximation& field, const Constraints& constraints) {
+  std::vector<ShapeFunctions> shapes(constraints.node.size());
+  for (std::size_t b = 0; b < shapes.size(); ++b)
+    require(field.at(field.cloud().nodes[std::size_t(constraints.node[b])], shapes[b]), "node ", constraints.node[b],
+            " has a prescribed displacement but too few nodes around it for shape functions; add nodes or remove it");
+  return shapes;
+}
 
 /// The prescribed values of one displacement component.
 template <class Real>
@@ -54,10 +61,7 @@ template <class Real>
 ConstraintOperator<Real>::ConstraintOperator(const Approximation& field, const SlotLayout& layout, const Constraints& constraints)
     : constraints_(&constraints) {
   const std::size_t n = constraints.node.size();
-  std::vector<ShapeFunctions> shapes(n);
-  for (std::size_t b = 0; b < n; ++b)
-    require(field.at(field.cloud().nodes[std::size_t(constraints.node[b])], shapes[b]), "node ", constraints.node[b],
-            " has a prescribed displacement but too few nodes around it for shape functions; add nodes or remove it");
+  const std::vector<ShapeFunctions> shapes = shapes_at_prescribed_nodes(field, constraints);
   for (int c = 0; c < 3; ++c) {
     auto component = std::make_unique<Component>();
     std::vector<int> number(std::size_t(layout.num_slots), -1);

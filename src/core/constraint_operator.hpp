@@ -10,6 +10,11 @@
 
 namespace mtled {
 
+inline constexpr double interpolation_tolerance = 1e-9;  ///< |phi_I(x_J) - delta_IJ| of a node that is interpolated
+
+/// Shape functions at the prescribed nodes, in the order of Constraints::node. Input error where there are none.
+std::vector<ShapeFunctions> shapes_at_prescribed_nodes(const Approximation& field, const Constraints& constraints);
+
 /// Imposes prescribed displacements exactly on the field, u(x_B) = value, whether or not the shape functions interpolate.
 /// With the shape functions at the prescribed nodes, Phi_BB u_B + Phi_BF u_F = value: the parameters u_B follow from the
 /// free ones (Phi_BB is the identity on a coupled lattice, sparse and factorised otherwise), and internal forces are

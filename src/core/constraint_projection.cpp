@@ -4,15 +4,10 @@
 #include <Eigen/SparseCholesky>
 #include <cmath>
 
+#include "core/constraint_operator.hpp"
 #include "core/error.hpp"
 
 namespace mtled {
-namespace {
-
-constexpr double interpolation_tolerance = 1e-9;  ///< |phi_I(x_J) - delta_IJ| of a node that is interpolated
-
-}  // namespace
-
 /// The prescribed values of one displacement component.
 struct ConstraintProjection::Component {
   std::vector<int> row;                 ///< [n] index into Constraints
@@ -25,10 +20,7 @@ struct ConstraintProjection::Component {
 
 ConstraintProjection::ConstraintProjection(const Approximation& field, const SlotLayout& layout, const Constraints& constraints, const std::vector<double>& inverse_mass)
     : inverse_mass_(&inverse_mass), rows_(constraints.node.size()) {
-  std::vector<ShapeFunctions> shapes(rows_);
-  for (std::size_t b = 0; b < rows_; ++b)
-    require(field.at(field.cloud().nodes[std::size_t(constraints.node[b])], shapes[b]), "node ", constraints.node[b],
-            " has a prescribed displacement but too few nodes around it for shape functions; add nodes or remove it");
+  const std::vector<ShapeFunctions> shapes = shapes_at_prescribed_nodes(field, constraints);
   for (int c = 0; c < 3; ++c) {
     auto k = std::make_unique<Component>();
     std::vector<Eigen::Triplet<double>> scaled;  // Phi M^-1/2
