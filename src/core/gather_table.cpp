@@ -16,7 +16,7 @@ namespace {
 constexpr std::size_t fewest_in_box = 64;    ///< points of a stencil that get a box of places
 constexpr std::size_t emptiest_box = 16;     ///< places per point in a box
 constexpr std::size_t fewest_sharing = 16;   ///< rows that share a stencil; fewer have entries of their own
-constexpr int region_planes = 6;             ///< of a lattice: rows in them follow each other, so that what they read stays in cache
+constexpr int region_slots = 1 << 16;        ///< rows there follow each other, so that what they read stays in cache: some 10 MB of displacements and stresses
 constexpr std::size_t window = 256;          ///< own rows among which they are sorted by length
 
 /// A term while the tables are made: gradient number `entry` of the support table.
@@ -57,7 +57,7 @@ struct Supports {
 struct Box {
   std::size_t points = 0;
   int some_plane = 0, low = 0, high = 0;  ///< planes of their bases
-  int period = 0;                ///< greatest common divisor of the distances between the planes
+  int period = 0;                ///< greatest common divisor of the distances between the planes; 0: one plane
   std::int64_t first = -1;       ///< place of the lowest block in the lowest plane; -1: no box
 };
 
@@ -84,9 +84,8 @@ std::vector<std::int32_t> arrange_points(const Supports& supports, const SlotLay
     low_block = std::min(low_block, t.base[p] % layout.blocks), high_block = std::max(high_block, t.base[p] % layout.blocks);
     if (box_of(p)->period > 0) ++points_with_period[box_of(p)->period];
   }
-  int period = 1;
-  for (const auto& [candidate, points] : points_with_period)
-    if (points > points_with_period[period]) period = candidate;
+  const auto most = std::max_element(points_with_period.begin(), points_with_period.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
+  const int period = most == points_with_period.end() ? 1 : most->first;
   const std::int64_t blocks = high_block - low_block + 1;
   std::int64_t places = 0;
   for (Box& box : boxes) {
@@ -186,7 +185,7 @@ struct TransposedRows {
   std::vector<Pattern> patterns;  ///< into `chunks`
   std::vector<Row> rows;          ///< by rising slot
 
-  TransposedRows(const Supports& supports, const std::vector<std::int32_t>& point_at, const SlotLayout& layout, int region_slots) {
+  TransposedRows(const Supports& supports, const std::vector<std::int32_t>& point_at, const SlotLayout& layout) {
     // Shorter chunks need less memory each; longer ones see fewer points of their neighbours.
     const int length = std::max(4096, supports.span / 4 + 1);
     chunks.resize((std::size_t(layout.num_slots) + std::size_t(length) - 1) / std::size_t(length));
@@ -305,7 +304,6 @@ template <class Real>
 GatherTables<Real> make_gather_tables(const SupportTable& t, const SlotLayout& layout) {
   const Supports supports(t);
   const std::vector<std::int32_t> point_at = arrange_points(supports, layout);
-  const int region_slots = layout.lattice ? region_planes * SlotLayout::period * SlotLayout::period * layout.blocks : std::max(1, layout.num_slots);
   GatherTables<Real> tables;
   tables.places = int(point_at.size());
   {
@@ -319,7 +317,7 @@ GatherTables<Real> make_gather_tables(const SupportTable& t, const SlotLayout& l
     tables.of_points = lay_out<Real>(std::move(rows), stencils, t.gradient);
   }
   for (const std::int32_t place : tables.of_points.row) tables.point.push_back(place < 0 ? -1 : point_at[std::size_t(place)]);
-  TransposedRows transposed(supports, point_at, layout, region_slots);
+  TransposedRows transposed(supports, point_at, layout);
   tables.of_nodes = lay_out<Real>(std::move(transposed.rows), transposed.patterns, t.gradient);
   return tables;
 }
