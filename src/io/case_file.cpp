@@ -318,9 +318,8 @@ std::optional<Lattice> read_lattice(TomlSection& nodes, const std::string& file)
   lattice.spacing = positive_number(section, "spacing", 0.0);
   if (const toml::array* size = section.array("size")) {
     constexpr std::int64_t most = 1000000;
-    require(size->size() == 3, section.place("size"), " must be three whole numbers: the positions along each axis");
     for (std::size_t a = 0; a < 3; ++a) {
-      const std::int64_t positions = (*size)[a].is_integer() ? (*size)[a].value_or(std::int64_t(0)) : 0;
+      const std::int64_t positions = size->size() == 3 && (*size)[a].is_integer() ? (*size)[a].value_or(std::int64_t(0)) : 0;
       require(positions >= 2 && positions <= most, section.place("size"), " must be three whole numbers from 2 to ", most, ": the positions along each axis");
       lattice.size[a] = int(positions);
     }
