@@ -206,7 +206,7 @@ TEST_F(CommandLine, SameBitsForOneAndTwoThreads) {
     EXPECT_TRUE(program::content(file("1") / name) == program::content(file("2") / name)) << name;
 }
 
-// The same files mean the same bits to 9 digits; the numbers below are doubles.
+// nodes.csv has 9 digits; the numbers of the reports are doubles with all of theirs.
 TEST_F(CommandLine, AnExportedCaseHasTheSameSolution) {
   Strings arguments = Shared::registration(shared.folder / "pair", file("result"));
   for (const std::string& more : Strings{"--export-case", file("result/case").string(), "--tolerance", "0.03", "--no-evaluation", "-q"}) arguments.push_back(more);
