@@ -107,6 +107,22 @@ CoarseSpace<Real>::~CoarseSpace() = default;
 template <class Real>
 int CoarseSpace<Real>::unknowns() const { return 3 * int(grid_->used.size()); }
 template <class Real>
+const float* CoarseSpace<Real>::inverse() const { return grid_->inverse.data(); }
+template <class Real>
+CoarseLayout CoarseSpace<Real>::layout() const {
+  const Grid& g = *grid_;
+  CoarseLayout layout;
+  if (g.used.empty()) return layout;
+  layout.functions = g.function_count(), layout.stride_y = g.stride_y(), layout.stride_z = g.stride_z();
+  layout.used = g.used;
+  for (const typename Grid::Node& node : g.nodes) {
+    layout.slot.push_back(node.slot), layout.first.push_back(node.first);
+    layout.weight.insert(layout.weight.end(), node.w, node.w + 9);
+    for (int c = 0; c < 3; ++c) layout.active.push_back(double(g.active->at(std::size_t(node.slot), c)));
+  }
+  return layout;
+}
+template <class Real>
 std::size_t CoarseSpace<Real>::bytes() const {
   return grid_->nodes.size() * sizeof(typename Grid::Node) + std::size_t(unknowns()) * std::size_t(unknowns()) * sizeof(float);
 }

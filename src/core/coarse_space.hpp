@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "core/cloud.hpp"
+#include "core/coarse_layout.hpp"
 #include "core/nodal_field.hpp"
 #include "core/springs.hpp"
 #include "core/stencils.hpp"
@@ -30,6 +31,9 @@ class CoarseSpace {
   void assemble(const SupportTable& supports, const IntegrationPoints& points, const NodalField<Real>& u);
   /// g += Z A^-1 Z^T f
   void add_correction(const NodalField<Real>& f, NodalField<Real>& g) const;
+  /// The functions and the assembled inverse A^-1, [unknowns * unknowns], row-major: what add_correction() works with.
+  CoarseLayout layout() const;
+  const float* inverse() const;
   int unknowns() const;
   std::size_t bytes() const;
 
