@@ -422,7 +422,7 @@ TEST(SpringFunctors, EqualTheCpuInDouble) { springs_equal_the_cpu<double>(false)
 template <class Real>
 struct CoarseOnDevice {
   CoarseOnDevice(SerialDevice& d, const CoarseSpace<Real>& space, std::size_t slots)
-      : device(d), tables(space.layout(), slots), begin(uploaded(device, tables.cell_begin)), slot(uploaded(device, tables.slot)), first(uploaded(device, tables.first)),
+      : device(d), tables(space.nodes(), space.functions(), space.used_functions(), slots), begin(uploaded(device, tables.cell_begin)), slot(uploaded(device, tables.slot)), first(uploaded(device, tables.first)),
         node_of_slot(uploaded(device, tables.node_of_slot)), right_begin(uploaded(device, tables.right_begin)), right_item(uploaded(device, tables.right_item)),
         place(uploaded(device, tables.place)), node(uploaded(device, tables.node)), cell_sum(device, std::size_t(functions_per_cell * tables.cells)),
         right(device, std::size_t(tables.unknowns)), inverse(device, std::size_t(tables.unknowns) * std::size_t(tables.unknowns)), y(device, std::size_t(tables.functions)) {
@@ -710,13 +710,13 @@ TEST(LargestOfRows, IsThatOfALoop) {
     std::mt19937 random(4);
     std::vector<std::uint32_t> begin{0};
     std::vector<std::int32_t> slot;
-    std::vector<double> value;
+    std::vector<float> value;
     double expected = 0;
     for (int r = 0; r < rows; ++r) {
       Vec3d sum{};
       for (int e = 0; e < r % 7 + 1; ++e) {
-        slot.push_back(std::int32_t(random() % 50)), value.push_back(e + 1);
-        for (int c = 0; c < 3; ++c) sum[c] += value.back() * x.at(std::size_t(slot.back()), c);
+        slot.push_back(std::int32_t(random() % 50)), value.push_back(float(e + 1));
+        for (int c = 0; c < 3; ++c) sum[c] += double(value.back()) * x.at(std::size_t(slot.back()), c);
       }
       begin.push_back(std::uint32_t(slot.size()));
       for (int c = 0; c < 3; ++c) expected = std::max(expected, std::abs(sum[c]));

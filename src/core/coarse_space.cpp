@@ -107,21 +107,21 @@ CoarseSpace<Real>::~CoarseSpace() = default;
 template <class Real>
 int CoarseSpace<Real>::unknowns() const { return 3 * int(grid_->used.size()); }
 template <class Real>
-const float* CoarseSpace<Real>::inverse() const { return grid_->inverse.data(); }
-template <class Real>
-CoarseLayout CoarseSpace<Real>::layout() const {
-  const Grid& g = *grid_;
-  CoarseLayout layout;
-  if (g.used.empty()) return layout;
-  layout.functions = g.function_count(), layout.stride_y = g.stride_y(), layout.stride_z = g.stride_z();
-  layout.used = g.used;
-  for (const typename Grid::Node& node : g.nodes) {
-    layout.slot.push_back(node.slot), layout.first.push_back(node.first);
-    layout.weight.insert(layout.weight.end(), node.w, node.w + 9);
-    for (int c = 0; c < 3; ++c) layout.active.push_back(double(g.active->at(std::size_t(node.slot), c)));
+std::vector<typename CoarseSpace<Real>::Node> CoarseSpace<Real>::nodes() const {
+  std::vector<Node> nodes;
+  for (const typename Grid::Node& n : grid_->nodes) {
+    Node& node = nodes.emplace_back(Node{n.slot, n.first, {}, {}});
+    for (int i = 0; i < 9; ++i) node.weight[i] = float(n.w[i]);
+    for (int c = 0; c < 3; ++c) node.active[c] = float(grid_->active->at(std::size_t(n.slot), c));
   }
-  return layout;
+  return nodes;
 }
+template <class Real>
+std::array<int, 3> CoarseSpace<Real>::functions() const { return {grid_->functions(0), grid_->functions(1), grid_->functions(2)}; }
+template <class Real>
+const std::vector<int>& CoarseSpace<Real>::used_functions() const { return grid_->used; }
+template <class Real>
+const float* CoarseSpace<Real>::inverse() const { return grid_->inverse.data(); }
 template <class Real>
 std::size_t CoarseSpace<Real>::bytes() const {
   return grid_->nodes.size() * sizeof(typename Grid::Node) + std::size_t(unknowns()) * std::size_t(unknowns()) * sizeof(float);

@@ -4,7 +4,6 @@
 #include <vector>
 
 #include "core/cloud.hpp"
-#include "core/coarse_layout.hpp"
 #include "core/nodal_field.hpp"
 #include "core/springs.hpp"
 #include "core/stencils.hpp"
@@ -31,10 +30,19 @@ class CoarseSpace {
   void assemble(const SupportTable& supports, const IntegrationPoints& points, const NodalField<Real>& u);
   /// g += Z A^-1 Z^T f
   void add_correction(const NodalField<Real>& f, NodalField<Real>& g) const;
-  /// The functions and the assembled inverse A^-1, [unknowns * unknowns], row-major: what add_correction() works with.
-  CoarseLayout layout() const;
-  const float* inverse() const;
   int unknowns() const;
+
+  // For backends that apply the correction themselves.
+  /// A node with a free parameter.
+  struct Node {
+    int slot, first;     ///< first: the lowest of the 27 functions that it feels; (i, j, k) above it is first + i + stride_y j + stride_z k
+    float weight[9];     ///< of the functions i = 0, 1, 2 along x, then y, then z
+    float active[3];     ///< 1 where the component is free to follow the coarse functions, else 0
+  };
+  std::vector<Node> nodes() const;
+  std::array<int, 3> functions() const;          ///< per axis
+  const std::vector<int>& used_functions() const;  ///< [unknowns / 3] numbers of those that touch a node; unknown 3 v + c is component c of used_functions()[v]
+  const float* inverse() const;                  ///< [unknowns * unknowns] A^-1, symmetric; after assemble()
   std::size_t bytes() const;
 
  private:

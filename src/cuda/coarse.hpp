@@ -1,9 +1,9 @@
 #pragma once
 #include <algorithm>
+#include <array>
 #include <numeric>
 #include <vector>
 
-#include "core/coarse_layout.hpp"
 #include "cuda/block.hpp"
 #include "cuda/step_load.hpp"
 
@@ -117,32 +117,34 @@ struct CoarseTables {
   std::vector<std::int32_t> right_begin{0}, right_item;
   std::vector<std::int32_t> place;                        ///< [unknowns] of y in an array of Vec4<float> by function, in floats
 
-  CoarseTables(const CoarseLayout& layout, std::size_t slots);
+  /// From what a CoarseSpace says of itself: nodes(), functions(), used_functions().
+  template <class Node>
+  CoarseTables(const std::vector<Node>& nodes, const std::array<int, 3>& per_axis, const std::vector<int>& used, std::size_t slots);
 };
 
 template <class Real>
-CoarseTables<Real>::CoarseTables(const CoarseLayout& l, std::size_t slots)
-    : functions(l.functions), stride_y(l.stride_y), stride_z(l.stride_z), unknowns(3 * int(l.used.size())), node_of_slot(slots, -1) {
-  std::vector<std::size_t> order(l.slot.size());
+template <class Node>
+CoarseTables<Real>::CoarseTables(const std::vector<Node>& nodes, const std::array<int, 3>& per_axis, const std::vector<int>& used, std::size_t slots)
+    : functions(per_axis[0] * per_axis[1] * per_axis[2]), stride_y(per_axis[0]), stride_z(per_axis[0] * per_axis[1]), unknowns(3 * int(used.size())), node_of_slot(slots, -1) {
+  std::vector<std::size_t> order(nodes.size());
   std::iota(order.begin(), order.end(), std::size_t(0));
-  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return l.first[a] < l.first[b]; });
-  std::vector<std::vector<std::int32_t>> items(std::size_t(l.functions));
+  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return nodes[a].first < nodes[b].first; });
+  std::vector<std::vector<std::int32_t>> items(static_cast<std::size_t>(functions));
   for (std::size_t o : order) {
-    if (first.empty() || l.first[o] != first.back()) {
+    const Node& from = nodes[o];
+    if (first.empty() || from.first != first.back()) {
       if (!first.empty()) cell_begin.push_back(std::int32_t(first.size()));
       for (int f = 0; f < functions_per_cell; ++f)
-        items[std::size_t(l.first[o] + f % 3 + stride_y * (f / 3 % 3) + stride_z * (f / 9))].push_back(functions_per_cell * cells + f);
+        items[std::size_t(from.first + f % 3 + stride_y * (f / 3 % 3) + stride_z * (f / 9))].push_back(functions_per_cell * cells + f);
       ++cells;
     }
-    node_of_slot[std::size_t(l.slot[o])] = std::int32_t(node.size());
-    slot.push_back(l.slot[o]), first.push_back(l.first[o]);
-    CoarseNode<Real> n;
-    for (std::size_t i = 0; i < 9; ++i) n.weight[i] = Real(l.weight[9 * o + i]);
-    for (std::size_t c = 0; c < 3; ++c) n.active[c] = Real(l.active[3 * o + c]);
-    node.push_back(n);
+    node_of_slot[std::size_t(from.slot)] = std::int32_t(node.size());
+    slot.push_back(from.slot), first.push_back(from.first);
+    CoarseNode<Real>& to = node.emplace_back();
+    std::copy(from.weight, from.weight + 9, to.weight), std::copy(from.active, from.active + 3, to.active);
   }
   if (cells > 0) cell_begin.push_back(std::int32_t(first.size()));
-  for (int f : l.used) {
+  for (int f : used) {
     right_item.insert(right_item.end(), items[std::size_t(f)].begin(), items[std::size_t(f)].end());
     right_begin.push_back(std::int32_t(right_item.size()));
     for (int c = 0; c < 3; ++c) place.push_back(4 * f + c);

@@ -12,7 +12,7 @@ struct LargestOfRows {
   int rows;
   const std::uint32_t* begin;  ///< [rows + 1]
   const std::int32_t* slot;    ///< [entries]
-  const Real* value;           ///< [entries]
+  const float* value;          ///< [entries]
   const Vec4<Real>* x;         ///< [slots]
   Real* largest;               ///< [blocks]
 
@@ -22,7 +22,7 @@ struct LargestOfRows {
       const int row = block.index() * threads + t;
       Vec4<Real> sum{};
       if (row < rows)
-        for (std::uint32_t e = begin[row]; e < begin[row + 1]; ++e) sum = sum + value[e] * x[slot[e]];
+        for (std::uint32_t e = begin[row]; e < begin[row + 1]; ++e) sum = sum + Real(value[e]) * x[slot[e]];
       block.shared().largest[t] = largest_component(sum);
     });
     reduce<threads>(block, block.shared().largest, Larger{});

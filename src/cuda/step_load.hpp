@@ -11,7 +11,8 @@ struct StepLoad {
 
   MTLED_HD bool over() const { return control && control->verdict != StepControl::going; }
   MTLED_HD double load() const { return control ? control->load() : given; }
-  MTLED_HD bool imposes() const { return !control || control->imposes(); }
+  /// Whether prescribed parameters that depend on no others are imposed: they stay as they are once the load is there.
+  MTLED_HD bool imposes() const { return !control || control->step <= control->ramp; }
 };
 
 }  // namespace mtled
