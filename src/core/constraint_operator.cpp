@@ -168,6 +168,19 @@ void ConstraintOperator::each_dependent(bool neighbours, const std::function<voi
   }
 }
 
+ConstraintTable ConstraintOperator::table(int component) const {
+  const Component& k = *component_[std::size_t(component)];
+  ConstraintTable table{k.slot, k.value, k.begin, k.free_slot, k.free_value, {}};
+  if (k.direct) return table;
+  const std::size_t n = k.slot.size();
+  table.inverse.resize(n * n);
+  parallel_for(n, [&](std::size_t s) {
+    const Eigen::VectorXd column = k.factor.solve(Eigen::VectorXd::Unit(Eigen::Index(n), Eigen::Index(s)));
+    for (std::size_t r = 0; r < n; ++r) table.inverse[r * n + s] = column[Eigen::Index(r)];
+  }, 16);
+  return table;
+}
+
 template void ConstraintOperator::impose(NodalField<float>&, double) const;
 template void ConstraintOperator::impose(NodalField<double>&, double) const;
 template void ConstraintOperator::reduce(NodalField<float>&) const;

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "core/cloud.hpp"
+#include "core/constraint_tables.hpp"
 #include "core/nodal_field.hpp"
 #include "core/approximation.hpp"
 #include "core/stencils.hpp"
@@ -38,6 +39,8 @@ class ConstraintOperator {
   bool direct() const;
   /// Calls body(slot, component) for the prescribed parameters, and, when `neighbours`, for those they depend on.
   void each_dependent(bool neighbours, const std::function<void(int slot, int component)>& body) const;
+  /// One displacement component as plain data, with the dense inverse of Phi_BB where it is needed.
+  ConstraintTable table(int component) const;
 
  private:
   struct Component;
