@@ -291,6 +291,7 @@ Deformation::Deformation(const Tissue& tissue, const BoneLoads& loads, const Mec
   for (int label : body_.labels_outside) warn(concatenate("label ", label, " holds no part of the body at a spacing of ", spacing, " mm and does not move it; correct the labels or the mask, or use a smaller --node-spacing"));
   evaluator_.emplace(body_.cloud, std::vector<std::uint8_t>(), options.shapes);
   announce(common, concatenate("solving: ", body_.cloud.size(), " nodes, ", body_.points.size(), " integration points, ", body_.rigid.position.size(), " pieces of rigid bodies"));
+  device_ = solving_device(common);
   SolverOptions solver = options.solver;
   solver.progress = progress_printer(common.quiet);
   solution_ = solve(*evaluator_, body_.points, {}, solver, springs_on(body_.rigid, *evaluator_));
