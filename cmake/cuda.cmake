@@ -8,19 +8,20 @@ endif()
 if(MTLED_CUDA STREQUAL "OFF")
   return()
 endif()
+# Code for Hopper (90), and PTX that the driver translates for every other GPU from Turing (75) on: few, because every one
+# compiles every kernel again.
+if(NOT DEFINED CMAKE_CUDA_ARCHITECTURES)
+  set(CMAKE_CUDA_ARCHITECTURES 75-virtual 90-real CACHE STRING "compute capabilities to compile for, such as `90` or `native`")
+endif()
 if(NOT CMAKE_CUDA_COMPILER)
-  unset(CMAKE_CUDA_COMPILER CACHE)  # an earlier search without success
+  unset(CMAKE_CUDA_COMPILER CACHE)  # of an earlier search without success
+  unset(MTLED_NVCC CACHE)
   if(NOT DEFINED ENV{CUDACXX})
     find_program(MTLED_NVCC nvcc HINTS ENV CUDA_PATH ENV CUDA_HOME PATHS /usr/local/cuda PATH_SUFFIXES bin)
     if(MTLED_NVCC)
-      set(CMAKE_CUDA_COMPILER ${MTLED_NVCC} CACHE FILEPATH "CUDA compiler")
+      set(ENV{CUDACXX} ${MTLED_NVCC})
     endif()
   endif()
-endif()
-# A first architecture keeps the check of the compiler from asking for a GPU. Code for Hopper (90), and PTX that the driver
-# translates for every other GPU from Turing (75) on: few, because every one compiles every kernel again.
-if(NOT DEFINED CMAKE_CUDA_ARCHITECTURES)
-  set(CMAKE_CUDA_ARCHITECTURES 75-virtual 90-real CACHE STRING "compute capabilities to compile for, such as `90` or `native`")
 endif()
 include(CheckLanguage)
 check_language(CUDA)
