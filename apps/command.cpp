@@ -6,7 +6,6 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <regex>
 #include <thread>
 
 #include "core/error.hpp"
@@ -103,16 +102,33 @@ void require_option(const CLI::App& verb, const std::string& name) {
   if (option->count() == 0) fail(Failure::usage, name, " is missing (", option->get_description(), "); see `mtled ", verb.get_name(), " --help`");
 }
 
+namespace {
+
+/// The devices that the solver can use: none yet, whatever there is.
+CudaStatus solving_status() {
+  CudaStatus status = cuda_status();
+  if (status.problem.empty()) {
+    status.problem = "the solver of this version runs on the CPU only";
+    status.remedy = "leave --device out";
+  }
+  return status;
+}
+
+}  // namespace
+
 std::unique_ptr<ThreadLimit> start(const CommonOptions& common) {
-  static const std::regex cuda_device("cuda(:[0-9]+)?");
-  const bool cuda = std::regex_match(common.device, cuda_device);
-  if (common.device != "auto" && common.device != "cpu" && !cuda)
-    fail(Failure::usage, "--device is '", common.device, "'; choose auto, cpu, cuda or cuda:N");
-  if (cuda) fail(Failure::device, "--device ", common.device, ": this build has no CUDA backend; use --device cpu");
+  if (const DeviceRequest request = parse_device(common.device); request.kind == DeviceRequest::cuda) choose_device(request, solving_status());
   const int processors = int(std::max(1u, std::thread::hardware_concurrency()));
   if (common.threads > processors)
     warn(concatenate("--threads ", common.threads, ": there are only ", processors, " processors; ", processors, " threads are used"));
   return std::make_unique<ThreadLimit>(common.threads > 0 ? std::min(common.threads, processors) : processors);
+}
+
+DeviceChoice solving_device(const CommonOptions& common, double bytes_needed) {
+  const DeviceRequest request = parse_device(common.device);
+  const DeviceChoice choice = choose_device(request, request.kind == DeviceRequest::cpu ? CudaStatus() : solving_status(), bytes_needed);
+  announce(common, choice.sentence());
+  return choice;
 }
 
 std::function<void(const Progress&)> progress_printer(bool quiet) {

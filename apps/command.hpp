@@ -6,6 +6,7 @@
 
 #include "core/parallel.hpp"
 #include "core/solver.hpp"
+#include "cuda/device_choice.hpp"
 
 namespace mtled {
 
@@ -34,8 +35,10 @@ CLI::Validator from_to(double low, double high);
 /// Usage error naming the option and what it is for, unless it was given.
 void require_option(const CLI::App& verb, const std::string& name);
 
-/// Checks --threads and --device and limits parallel loops while the result lives.
+/// Checks --threads and --device and limits parallel loops while the result lives. A device that was asked for must be there.
 std::unique_ptr<ThreadLimit> start(const CommonOptions& common);
+/// Where to solve a model that needs `bytes_needed` (0: unknown); says which device that is, unless quiet.
+DeviceChoice solving_device(const CommonOptions& common, double bytes_needed = 0);
 
 /// Lines on stderr: one that is rewritten when it is a terminal, a plain line every few seconds when it is not.
 std::function<void(const Progress&)> progress_printer(bool quiet);

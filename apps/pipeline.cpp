@@ -296,6 +296,7 @@ Deformation::Deformation(const Tissue& tissue, const BoneLoads& loads, const Mec
     write_case(export_to, *evaluator_, body_.points, body_.rigid, options.solver);
   }
   announce(common, concatenate("solving: ", body_.cloud.size(), " nodes, ", body_.points.size(), " integration points, ", body_.rigid.position.size(), " pieces of rigid bodies"));
+  device_ = solving_device(common);
   SolverOptions solver = options.solver;
   solver.progress = progress_printer(common.quiet);
   solution_ = solve(*evaluator_, body_.points, {}, solver, springs_on(body_.rigid, *evaluator_));

@@ -82,11 +82,13 @@ class Deformation {
     return [this](const Vec3d& X, Vec3d& u) { return displacement(X, u); };
   }
   const Solution& solution() const { return solution_; }
+  const DeviceChoice& device() const { return device_; }
   const SampledBody& body() const { return body_; }
 
  private:
   SampledBody body_;
   std::optional<ShapeEvaluator> evaluator_;
+  DeviceChoice device_;
   Solution solution_;
 };
 

@@ -184,6 +184,7 @@ void run(CLI::App& verb, RegisterOptions& options) {
   manifest["tissue"] = describe(tissue);
   manifest["solver"] = summary_of(deformation.solution());
   manifest["solver"].erase("reactions_mN");
+  manifest["solver"]["device"] = deformation.device().description;
   metrics["motions"] = loads.report;
   metrics["warnings"] = loads.warnings;
   for (const char* key : {"converged", "steps", "error_estimate_mm", "smallest_volume_ratio"}) metrics["solver"][key] = manifest["solver"][key];

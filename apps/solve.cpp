@@ -84,11 +84,13 @@ void run(const SolveOptions& options) {
   if (problem.align_points && problem.elements.size() == 0)
     problem.points = reduce_volumetric_integration(field, align_with_coupled_cells(field, problem.points));
   if (problem.dynamics) return run_in_time(output, discretisation, problem);
+  const DeviceChoice device = solving_device(options);
   Solution solution = solve(field, problem.points, problem.constraints, problem.solver, discretisation.springs, problem.loads);
   if (problem.elements.size() > 0) solution.points_per_node.clear();  // one point per element is right, whatever that is per node
   if (!problem.probes.empty()) write_displacements(output / "probes.csv", problem.probes, displacement_at_probes(field, solution, problem.probes));
   write_nodes(output.path(), problem.cloud, problem.constraints, solution);
-  const Json summary = summary_of(solution);
+  Json summary = summary_of(solution);
+  summary["device"] = device.description;
   warn_of_few_points(problem, solution);
   write_text(output / "summary.json", summary.dump(1) + "\n");
   std::printf("%s after %d steps (%d force evaluations), estimated error %.3g mm, strain energy %.6g mN mm, %.3g s\n",

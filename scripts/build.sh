@@ -13,7 +13,9 @@ Installs missing packages, configures and builds mtled and its tests in build/. 
   --target NAME       build only this, e.g. mtled
   --jobs N            compile N files at a time (default: as many as processors and free memory allow)
   --no-install        do not look for missing packages
-  -DNAME=VALUE        passed to CMake, e.g. -DMTLED_IMAGING=OFF (no ITK: `mtled solve` only), -DMTLED_TESTS=OFF
+  -DNAME=VALUE        passed to CMake, e.g. -DMTLED_IMAGING=OFF (no ITK: `mtled solve` only), -DMTLED_TESTS=OFF,
+                      -DMTLED_CUDA=OFF or ON (default: AUTO, with CUDA where its compiler is found),
+                      -DCMAKE_CUDA_ARCHITECTURES=native (for the GPU of this machine)
 EOF
 }
 
@@ -52,7 +54,7 @@ jobs_that_fit() {
 
 if [[ ! -f build/CMakeCache.txt ]]; then
   if command -v ninja >/dev/null; then cmake_arguments+=(-G Ninja); fi
-  if command -v ccache >/dev/null; then cmake_arguments+=(-DCMAKE_CXX_COMPILER_LAUNCHER=ccache); fi
+  if command -v ccache >/dev/null; then cmake_arguments+=(-DCMAKE_CXX_COMPILER_LAUNCHER=ccache -DCMAKE_CUDA_COMPILER_LAUNCHER=ccache); fi
 fi
 cmake -S . -B build -DCMAKE_BUILD_TYPE="$build_type" "${cmake_arguments[@]}"
 echo "building with $jobs job(s)"

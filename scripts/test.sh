@@ -31,6 +31,8 @@ scripts/build.sh "${build_options[@]}"
 parallel=$(( $(nproc) < 4 ? $(nproc) : 4 ))
 started=$SECONDS status=0
 ctest --test-dir build --output-on-failure --no-tests=error --parallel "$parallel" "$@" || status=$?
+# CTest names what was skipped, but not why.
+sed -n 's/.*\(SKIPPED: .*\)/\1/p' build/Testing/Temporary/LastTest.log | sort | uniq -c
 count=$(ctest --test-dir build --show-only "$@" | awk '/^Total Tests:/ {print $3}')
 if [[ $status -eq 0 ]]; then
   echo "$count tests passed or were skipped (skipped ones are named above) in $((SECONDS - started)) s"

@@ -165,7 +165,7 @@ TEST_F(BadInput, CommandLineMistakes) {
   expect_refusal(run({"register", "--colour", "red"}), usage, {"--colour"});
   refused({{"--moving", ""}}, usage, {"--moving is missing", "--help"});
   refused({{"--moving-labels", ""}}, usage, {"--moving-labels is missing"});
-  refused({{"--device", "cuda:0"}}, device, {"--device", "cpu"});
+  refused({{"--device", "cuda:9999"}}, device, {"--device", "cpu"});
   expect_refusal(run({"warp", "-r", file(""), "-o", file("x.csv")}), usage, {"exactly one of"});
   expect_refusal(run({"evaluate", "-f", "a.nii", "-w", "b.nii", "-o", out(), "--fixed-labels", "c.nii"}), usage, {"--warped-labels is missing"});
 }

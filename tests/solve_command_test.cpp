@@ -18,7 +18,7 @@ using program::Outcome;
 using Strings = std::vector<std::string>;
 namespace fs = std::filesystem;
 
-constexpr int usage = 2, input = 3, numerical = 4, output = 7;
+constexpr int usage = 2, input = 3, numerical = 4, device = 5, output = 7;
 constexpr int cells = 6;              ///< along each edge of the cube
 constexpr double spacing = 5;         ///< [mm]
 constexpr double side = cells * spacing;
@@ -169,6 +169,21 @@ TEST_F(Solve, SameBitsForAnyThreadsAndWithoutTheLatticePromise) {
   ASSERT_EQ(run({"--force"}).code, 0);
   const std::vector<Vec3d> without = read_points(out("probes.csv"), {"ux", "uy", "uz"});
   for (std::size_t p = 0; p < with.size(); ++p) EXPECT_LT(norm(with[p] - without[p]), 0.03) << "other coupling, nearly the same field";
+}
+
+TEST_F(Solve, SaysOnWhichDeviceUnlessQuiet) {
+  const Outcome outcome = run({"--device", "cpu"});
+  ASSERT_EQ(outcome.code, 0) << outcome.err;
+  EXPECT_NE(outcome.err.find("device: cpu\n"), std::string::npos) << outcome.err;
+  EXPECT_EQ(summary()["device"], "cpu");
+  const Outcome quiet = run({"--quiet", "--force"});
+  EXPECT_EQ(quiet.code, 0);
+  EXPECT_EQ(quiet.err, "");
+}
+
+TEST_F(Solve, DevicesThatAreNotThereAreRefused) {
+  refused(device, {"--device cuda:9999: ", "--device cpu"}, {"--device", "cuda:9999"});
+  for (const char* nonsense : {"gpu", "cuda:", "cuda:-1", "cuda:one"}) refused(usage, {"--device is '" + std::string(nonsense) + "'", "auto, cpu, cuda or cuda:N"}, {"--device=" + std::string(nonsense)});
 }
 
 TEST_F(Solve, PlainRelaxationInDoubleAgrees) {
