@@ -8,7 +8,9 @@
 #include <cstdio>
 #include <thread>
 
+#include "core/discrete_model.hpp"
 #include "core/error.hpp"
+#include "core/mechanics.hpp"
 #include "io/toml_reader.hpp"
 
 namespace mtled {
@@ -102,33 +104,31 @@ void require_option(const CLI::App& verb, const std::string& name) {
   if (option->count() == 0) fail(Failure::usage, name, " is missing (", option->get_description(), "); see `mtled ", verb.get_name(), " --help`");
 }
 
-namespace {
-
-/// The devices that the solver can use: none yet, whatever there is.
-CudaStatus solving_status() {
-  CudaStatus status = cuda_status();
-  if (status.problem.empty()) {
-    status.problem = "the solver of this version runs on the CPU only";
-    status.remedy = "leave --device out";
-  }
-  return status;
-}
-
-}  // namespace
-
 std::unique_ptr<ThreadLimit> start(const CommonOptions& common) {
-  if (const DeviceRequest request = parse_device(common.device); request.kind == DeviceRequest::cuda) choose_device(request, solving_status());
+  if (const DeviceRequest request = parse_device(common.device); request.kind == DeviceRequest::cuda) choose_device(request, cuda_status());
   const int processors = int(std::max(1u, std::thread::hardware_concurrency()));
   if (common.threads > processors)
     warn(concatenate("--threads ", common.threads, ": there are only ", processors, " processors; ", processors, " threads are used"));
   return std::make_unique<ThreadLimit>(common.threads > 0 ? std::min(common.threads, processors) : processors);
 }
 
-DeviceChoice solving_device(const CommonOptions& common, double bytes_needed) {
-  const DeviceRequest request = parse_device(common.device);
-  const DeviceChoice choice = choose_device(request, request.kind == DeviceRequest::cpu ? CudaStatus() : solving_status(), bytes_needed);
-  announce(common, choice.sentence());
-  return choice;
+MakeMechanics on_device(const CommonOptions& common, DeviceChoice& used) {
+  return [&common, &used](const DiscreteModel& model, const SolverOptions& options) {
+    const DeviceRequest request = parse_device(common.device);
+    used = choose_device(request, request.kind == DeviceRequest::cpu ? CudaStatus() : cuda_status());
+    std::unique_ptr<Mechanics> mechanics;
+    if (!used.on_cpu()) {
+      try {
+        mechanics = cuda_mechanics(used.ordinal)(model, options);
+      } catch (const Error& error) {
+        if (request.kind == DeviceRequest::cuda) throw;
+        used = {-1, used.description + ": " + error.what(), "cpu"};
+      }
+    }
+    if (!mechanics) mechanics = make_cpu_mechanics(model, options);
+    announce(common, concatenate(used.sentence(), ", ", mechanics->bytes() / 1e9, " GB for ", model.field->cloud().size(), " nodes and ", model.points->size(), " integration points"));
+    return mechanics;
+  };
 }
 
 std::function<void(const Progress&)> progress_printer(bool quiet) {

@@ -37,8 +37,9 @@ void require_option(const CLI::App& verb, const std::string& name);
 
 /// Checks --threads and --device and limits parallel loops while the result lives. A device that was asked for must be there.
 std::unique_ptr<ThreadLimit> start(const CommonOptions& common);
-/// Where to solve a model that needs `bytes_needed` (0: unknown); says which device that is, unless quiet.
-DeviceChoice solving_device(const CommonOptions& common, double bytes_needed = 0);
+/// Makes the mechanics of a model on the device of --device, and says which that is and how much memory it takes, unless quiet.
+/// `used` [out] is filled when it is called. With `auto` any failure of a GPU to take the model makes it the CPU's.
+MakeMechanics on_device(const CommonOptions& common, DeviceChoice& used);
 
 /// Lines on stderr: one that is rewritten when it is a terminal, a plain line every few seconds when it is not.
 std::function<void(const Progress&)> progress_printer(bool quiet);

@@ -296,10 +296,9 @@ Deformation::Deformation(const Tissue& tissue, const BoneLoads& loads, const Mec
     write_case(export_to, *evaluator_, body_.points, body_.rigid, options.solver);
   }
   announce(common, concatenate("solving: ", body_.cloud.size(), " nodes, ", body_.points.size(), " integration points, ", body_.rigid.position.size(), " pieces of rigid bodies"));
-  device_ = solving_device(common);
   SolverOptions solver = options.solver;
   solver.progress = progress_printer(common.quiet);
-  solution_ = solve(*evaluator_, body_.points, {}, solver, springs_on(body_.rigid, *evaluator_));
+  solution_ = solve(*evaluator_, body_.points, {}, solver, springs_on(body_.rigid, *evaluator_), {}, on_device(common, device_));
   if (!solution_.converged)
     fail(Failure::numerical, "no convergence within ", solver.max_steps, " steps (estimated error ", solution_.error_estimate_mm, " mm); raise --max-steps, or use a larger --tolerance");
 }

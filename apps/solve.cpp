@@ -83,9 +83,11 @@ void run(const SolveOptions& options) {
   if (!problem.merge_points_outside) require_nodes_at_points(field, problem.points.position);
   if (problem.align_points && problem.elements.size() == 0)
     problem.points = reduce_volumetric_integration(field, align_with_coupled_cells(field, problem.points));
+  if (problem.dynamics && parse_device(options.device).kind == DeviceRequest::cuda)
+    fail(Failure::device, "motion in time is computed on the CPU only; use --device cpu, or leave [dynamics] out");
   if (problem.dynamics) return run_in_time(output, discretisation, problem);
-  const DeviceChoice device = solving_device(options);
-  Solution solution = solve(field, problem.points, problem.constraints, problem.solver, discretisation.springs, problem.loads);
+  DeviceChoice device;
+  Solution solution = solve(field, problem.points, problem.constraints, problem.solver, discretisation.springs, problem.loads, on_device(options, device));
   if (problem.elements.size() > 0) solution.points_per_node.clear();  // one point per element is right, whatever that is per node
   if (!problem.probes.empty()) write_displacements(output / "probes.csv", problem.probes, displacement_at_probes(field, solution, problem.probes));
   write_nodes(output.path(), problem.cloud, problem.constraints, solution);

@@ -2,6 +2,8 @@
 #include <string>
 #include <vector>
 
+#include "core/solver.hpp"
+
 /// The CUDA backend for those who know nothing of CUDA. Without CUDA in the build the same functions say so.
 namespace mtled {
 
@@ -25,5 +27,9 @@ struct CudaStatus {
 
 /// Looks for devices and runs a small kernel on each, which takes about a second with a device. Never throws.
 CudaStatus cuda_status();
+
+/// The solver's mechanics on a device. Making them is a memory error where the model does not fit, with what it needs; an input
+/// error where it has what only the CPU computes (pressure averaged at nodes); a device error where the device fails.
+MakeMechanics cuda_mechanics(int ordinal);
 
 }  // namespace mtled

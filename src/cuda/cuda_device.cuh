@@ -1,6 +1,8 @@
 #pragma once
 #include <algorithm>
+#include <cstdint>
 #include <functional>
+#include <limits>
 #include <map>
 #include <memory>
 #include <type_traits>
@@ -62,15 +64,13 @@ class CudaDevice {
     static_assert(std::is_trivially_copyable_v<T>);
 
    public:
-    Buffer(CudaDevice& device, std::size_t size) : stream_(device.stream_.get()), size_(size) {
+    Buffer(CudaDevice& device, std::size_t size) : size_(size), memory_(nullptr, Free{device.stream_.get()}) {
       if (size == 0) return;
       void* memory = nullptr;
-      const cudaError_t result = cudaMalloc(&memory, bytes());
+      const cudaError_t result = cudaMallocAsync(&memory, bytes(), stream());
       if (result == cudaErrorMemoryAllocation) {
         cudaGetLastError();
-        std::size_t free_bytes = 0, total = 0;
-        MTLED_CUDA(cudaMemGetInfo(&free_bytes, &total));
-        fail(Failure::memory, "the GPU has ", double(free_bytes) / 1e9, " GB of memory left, but ", double(bytes()) / 1e9,
+        fail(Failure::memory, "the GPU has ", device.free_bytes() / 1e9, " GB of memory left, but ", double(bytes()) / 1e9,
              " GB more are needed; use a larger node spacing, or --device cpu");
       }
       MTLED_CUDA(result);
@@ -84,26 +84,28 @@ class CudaDevice {
     /// The host's memory may be used again on return.
     void upload(const T* from, std::size_t count) {
       if (count == 0) return;
-      MTLED_CUDA(cudaMemcpyAsync(data(), from, count * sizeof(T), cudaMemcpyHostToDevice, stream_));
-      MTLED_CUDA(cudaStreamSynchronize(stream_));
+      MTLED_CUDA(cudaMemcpyAsync(data(), from, count * sizeof(T), cudaMemcpyHostToDevice, stream()));
+      MTLED_CUDA(cudaStreamSynchronize(stream()));
     }
     void download(T* to, std::size_t count) const {
       if (count == 0) return;
-      MTLED_CUDA(cudaMemcpyAsync(to, data(), count * sizeof(T), cudaMemcpyDeviceToHost, stream_));
-      MTLED_CUDA(cudaStreamSynchronize(stream_));
+      MTLED_CUDA(cudaMemcpyAsync(to, data(), count * sizeof(T), cudaMemcpyDeviceToHost, stream()));
+      MTLED_CUDA(cudaStreamSynchronize(stream()));
     }
     void copy_from(const Buffer& b) {
-      if (bytes() > 0) MTLED_CUDA(cudaMemcpyAsync(data(), b.data(), bytes(), cudaMemcpyDeviceToDevice, stream_));
+      if (bytes() > 0) MTLED_CUDA(cudaMemcpyAsync(data(), b.data(), bytes(), cudaMemcpyDeviceToDevice, stream()));
     }
     void clear() {
-      if (bytes() > 0) MTLED_CUDA(cudaMemsetAsync(data(), 0, bytes(), stream_));
+      if (bytes() > 0) MTLED_CUDA(cudaMemsetAsync(data(), 0, bytes(), stream()));
     }
 
    private:
+    /// In the order of the stream, and into the pool of the device: vectors come and go during the relaxation.
     struct Free {
-      void operator()(T* memory) const { cudaFree(memory); }
+      cudaStream_t stream;
+      void operator()(T* memory) const { cudaFreeAsync(memory, stream); }
     };
-    cudaStream_t stream_;
+    cudaStream_t stream() const { return memory_.get_deleter().stream; }
     std::size_t size_;
     std::unique_ptr<T, Free> memory_;
   };
@@ -112,6 +114,17 @@ class CudaDevice {
     cudaStream_t stream;
     MTLED_CUDA(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking));
     stream_.reset(stream);
+    int device = 0;
+    MTLED_CUDA(cudaGetDevice(&device));
+    cudaMemPool_t pool;
+    MTLED_CUDA(cudaDeviceGetDefaultMemPool(&pool, device));
+    std::uint64_t keep_all = std::numeric_limits<std::uint64_t>::max();
+    MTLED_CUDA(cudaMemPoolSetAttribute(pool, cudaMemPoolAttrReleaseThreshold, &keep_all));
+  }
+  double free_bytes() const {
+    std::size_t free_bytes = 0, total = 0;
+    MTLED_CUDA(cudaMemGetInfo(&free_bytes, &total));
+    return double(free_bytes);
   }
 
   template <class Functor>

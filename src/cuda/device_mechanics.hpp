@@ -36,15 +36,15 @@ class DeviceMechanics : public Mechanics {
   DeviceMechanics(const DiscreteModel& model, const SolverOptions& options, Device device = Device()) : device_(std::move(device)), model_(model), slots_(int(model.slots())) {
     require(!model.field->averages_pressure(), "elements with averaged pressure are computed on the CPU only; use --device cpu");
     require(model.slots() < std::size_t(1) << 29, "the model has ", model.slots(), " node positions, more than can be numbered on a GPU; use a larger node spacing, or --device cpu");
+    if (options.relaxation == Relaxation::two_level) {
+      coarse_space_ = std::make_unique<CoarseSpace>(model.position, model.coarse_active, options.coarse_unknowns, 5 * model.spacing);
+      if (model.springs.size() > 0) coarse_space_->add_springs(model.springs, model.layout);
+    }
     make_points();
     make_nodes();
     if (model.springs.size() > 0) springs_ = std::make_unique<SpringBuffers>(device_, model, seen_);
     constraints_ = std::make_unique<ConstraintBuffers>(device_, *model.constraints);
-    if (options.relaxation == Relaxation::two_level) {
-      coarse_space_ = std::make_unique<CoarseSpace>(model.position, model.coarse_active, options.coarse_unknowns, 5 * model.spacing);
-      if (model.springs.size() > 0) coarse_space_->add_springs(model.springs, model.layout);
-      if (coarse_space_->unknowns() > 0) coarse_ = std::make_unique<CoarseBuffers>(device_, *coarse_space_, model.slots());
-    }
+    if (coarse_space_ && coarse_space_->unknowns() > 0) coarse_ = std::make_unique<CoarseBuffers>(device_, *coarse_space_, model.slots());
   }
 
   VectorPointer vector() const override { return std::make_unique<DeviceVector>(device_, model_.slots()); }
@@ -122,12 +122,7 @@ class DeviceMechanics : public Mechanics {
   }
 
   int coarse_unknowns() const override { return coarse_ ? coarse_->tables.unknowns : 0; }
-  double bytes() const override {
-    constexpr double working_vectors = 12;
-    double sum = double(of_points_->bytes() + of_nodes_->bytes() + parameter_->bytes() + external_->bytes() + inverse_diagonal_->bytes());
-    for (const Values& row : stress_) sum += double(row.bytes());
-    return sum + working_vectors * double(model_.slots()) * sizeof(Vec4<Real>) + (coarse_ ? double(coarse_->inverse.bytes() + coarse_->node.bytes()) : 0);
-  }
+  double bytes() const override { return bytes_; }
 
  private:
   struct SpringBuffers {
@@ -198,6 +193,7 @@ class DeviceMechanics : public Mechanics {
     const IntegrationPoints faded = model_.points->viscoelastic() ? long_term(*model_.points) : IntegrationPoints{};
     const IntegrationPoints& points = model_.points->viscoelastic() ? faded : *model_.points;
     const GatherTables<Real> tables = make_gather_tables<Real>(model_.supports, model_.layout);
+    require_memory(tables);
     of_points_ = std::make_unique<UploadedTable<Real, Device>>(device_, tables.of_points);
     of_nodes_ = std::make_unique<UploadedTable<Real, Device>>(device_, tables.of_nodes);
     seen_.assign(model_.slots(), 0);
@@ -216,6 +212,20 @@ class DeviceMechanics : public Mechanics {
     for (int i = 0; i < 3; ++i) stress_.emplace_back(device_, std::size_t(tables.places));
     ratio_ = buffer<VolumeRatios<Real>>(std::size_t(point_blocks()));
     energy_ = buffer<double>(std::size_t(point_blocks()));
+  }
+  /// Counts what all of it will take, vectors of the relaxation included (most_vectors at a time), before anything is made.
+  void require_memory(const GatherTables<Real>& tables) {
+    constexpr double most_vectors = 12, own_vectors = 3, vec4 = sizeof(Vec4<Real>);
+    const double slots = double(model_.slots()), unknowns = coarse_space_ ? double(coarse_space_->unknowns()) : 0, nodes = coarse_space_ ? double(coarse_space_->nodes().size()) : 0;
+    const double of_slots = slots * ((most_vectors + own_vectors + (model_.external.empty() ? 0 : 1)) * vec4 + 1);
+    const double of_points = double(tables.point.size()) * double(3 + further_parameters(model_.points->model)) * sizeof(Real) + 3 * vec4 * double(tables.places);
+    const double of_tables = double(tables.of_points.bytes() + tables.of_nodes.bytes());
+    const double of_coarse = unknowns * unknowns * sizeof(float) + nodes * (sizeof(CoarseNode<Real>) + 3 * sizeof(std::int32_t)) + slots * sizeof(std::int32_t) * (coarse_space_ ? 1 : 0);
+    const double of_springs = double(model_.springs.node.size()) * 2 * (sizeof(Real) + sizeof(std::int32_t)) + double(model_.springs.size()) * 2 * vec4;
+    bytes_ = of_slots + of_points + of_tables + of_coarse + of_springs;
+    if (const double free_bytes = device_.free_bytes(); bytes_ > free_bytes)
+      fail(Failure::memory, "the model needs ", bytes_ / 1e9, " GB on the GPU (", model_.field->cloud().size(), " nodes: ", bytes_ / double(model_.field->cloud().size()),
+           " bytes per node, of which tables ", of_tables / 1e9, " GB), but only ", free_bytes / 1e9, " GB are free; use a larger node spacing, or --device cpu");
   }
   void make_nodes() {
     const std::size_t slots = model_.slots();
@@ -313,6 +323,7 @@ class DeviceMechanics : public Mechanics {
   mutable Device device_;
   const DiscreteModel& model_;
   int slots_;
+  double bytes_ = 0;
   std::vector<std::uint8_t> seen_;                                    ///< [slots] by integration points
   std::unique_ptr<UploadedTable<Real, Device>> of_points_, of_nodes_;
   std::unique_ptr<Buffer<Real>> parameter_;

@@ -33,7 +33,8 @@ class SerialDevice {
     std::vector<T> memory_;
   };
 
-  explicit SerialDevice(bool descending = false) : descending_(descending) {}
+  explicit SerialDevice(bool descending = false, double free_bytes = 1e30) : descending_(descending), free_bytes_(free_bytes) {}
+  double free_bytes() const { return free_bytes_; }
 
   template <class Functor>
   void for_each(int count, const Functor& functor) {
@@ -81,6 +82,7 @@ class SerialDevice {
   };
 
   bool descending_;
+  double free_bytes_;
 };
 
 }  // namespace mtled
