@@ -43,8 +43,45 @@ struct LatticeFieldView {
   const LatticeParameter* parameter = nullptr;  ///< [size]
   const std::uint8_t* flags = nullptr;          ///< [size]
 
-  /// u [mm] at X, as Deformation::displacement(): outside where the cell of X lacks a corner.
-  MTLED_HD Coverage operator()(const Vec3d& X, Vec3d& u) const { return quadratic ? evaluate<10>(X, u) : evaluate<4>(X, u); }
+  /// u [mm] at x: outside where the cell of x lacks a corner. M: terms of the basis, 10 when it is quadratic, else 4.
+  template <int M>
+  MTLED_HD Coverage displacement(const Vec3d& x, Vec3d& u) const {
+    Cell cell;
+    if (!complete_cell(x, cell)) return Coverage::outside;
+    const int f = flags[offset(cell.i[0], cell.i[1], cell.i[2])];
+    if (f & coupled) return Coverage::undecided;
+    const int first[3] = {cell.i[0] - reach + 1, cell.i[1] - reach + 1, cell.i[2] - reach + 1};
+    Walk reachable;
+    const bool gap = !(f & surrounded);
+    if (gap) {
+      if (reach > longest_walk) return Coverage::undecided;
+      walk(x, first, reachable);
+    }
+    int low[3], high[3];
+    for (int a = 0; a < 3; ++a) {
+      const int l = int(std::ceil((x[a] - radius - origin[a]) / spacing)), h = int(std::floor((x[a] + radius - origin[a]) / spacing));
+      low[a] = l > 0 ? l : 0;
+      high[a] = h < size[a] - 1 ? h : size[a] - 1;
+    }
+    Moments<M> moments;
+    int nodes = 0;
+    const double inverse_radius = 1 / radius;
+    for (int k = low[2]; k <= high[2]; ++k)
+      for (int j = low[1]; j <= high[1]; ++j)
+        for (int i = low[0]; i <= high[0]; ++i) {
+          const Vec3d d = origin + spacing * Vec3d{double(i), double(j), double(k)} - x;
+          const double squared = squared_norm(d);
+          if (!(squared < radius * radius)) continue;
+          const LatticeParameter p = parameter[offset(i, j, k)];
+          if (p.is_node == 0 || (gap && !reachable.holds(i - first[0], j - first[1], k - first[2]))) continue;
+          const double s = std::sqrt(squared) * inverse_radius;
+          if (s >= 1) continue;
+          moments.add(1 + s * s * (-6 + s * (8 - 3 * s)), inverse_radius * d, Vec3d{p.x, p.y, p.z});
+          ++nodes;
+        }
+    if (nodes < smallest_support || !moments.solve(penalty, worst_condition, u)) return Coverage::undecided;
+    return Coverage::covered;
+  }
 
  private:
   struct Cell {
@@ -125,45 +162,13 @@ struct LatticeFieldView {
       }
     }
   }
+};
 
-  template <int M>
-  MTLED_HD Coverage evaluate(const Vec3d& x, Vec3d& u) const {
-    Cell cell;
-    if (!complete_cell(x, cell)) return Coverage::outside;
-    const int f = flags[offset(cell.i[0], cell.i[1], cell.i[2])];
-    if (f & coupled) return Coverage::undecided;
-    const int first[3] = {cell.i[0] - reach + 1, cell.i[1] - reach + 1, cell.i[2] - reach + 1};
-    Walk reachable;
-    const bool gap = !(f & surrounded);
-    if (gap) {
-      if (reach > longest_walk) return Coverage::undecided;
-      walk(x, first, reachable);
-    }
-    int low[3], high[3];
-    for (int a = 0; a < 3; ++a) {
-      const int l = int(std::ceil((x[a] - radius - origin[a]) / spacing)), h = int(std::floor((x[a] + radius - origin[a]) / spacing));
-      low[a] = l > 0 ? l : 0;
-      high[a] = h < size[a] - 1 ? h : size[a] - 1;
-    }
-    Moments<M> moments;
-    int nodes = 0;
-    const double inverse_radius = 1 / radius;
-    for (int k = low[2]; k <= high[2]; ++k)
-      for (int j = low[1]; j <= high[1]; ++j)
-        for (int i = low[0]; i <= high[0]; ++i) {
-          const Vec3d d = origin + spacing * Vec3d{double(i), double(j), double(k)} - x;
-          const double squared = squared_norm(d);
-          if (!(squared < radius * radius)) continue;
-          const LatticeParameter p = parameter[offset(i, j, k)];
-          if (p.is_node == 0 || (gap && !reachable.holds(i - first[0], j - first[1], k - first[2]))) continue;
-          const double s = std::sqrt(squared) * inverse_radius;
-          if (s >= 1) continue;
-          moments.add(1 + s * s * (-6 + s * (8 - 3 * s)), inverse_radius * d, Vec3d{p.x, p.y, p.z});
-          ++nodes;
-        }
-    if (nodes < smallest_support || !moments.solve(penalty, worst_condition, u)) return Coverage::undecided;
-    return Coverage::covered;
-  }
+/// A displacement for SolveForRestPosition.
+template <int M>
+struct LatticeDisplacement {
+  LatticeFieldView lattice;
+  MTLED_HD Coverage operator()(const Vec3d& X, Vec3d& u) const { return lattice.displacement<M>(X, u); }
 };
 
 /// The same with its memory.
