@@ -81,6 +81,7 @@ class Deformation {
   DisplacementFunction function() const {
     return [this](const Vec3d& X, Vec3d& u) { return displacement(X, u); };
   }
+  const ShapeEvaluator& evaluator() const { return *evaluator_; }
   const Solution& solution() const { return solution_; }
   const DeviceChoice& device() const { return device_; }
   const SampledBody& body() const { return body_; }

@@ -167,13 +167,15 @@ void run(CLI::App& verb, RegisterOptions& options) {
   times.lap("mechanics");
 
   announce(options, "warping");
-  const DenseField forward = forward_field(pair.moving.grid, deformation.function());
+  const std::unique_ptr<FieldBackend> device;  // none: fields and warp on the CPU
+  const SampleDisplaced sampler;
+  const DenseField forward = forward_field(pair.moving.grid, deformation.function(), device.get());
   report_deviations(tissue.body, forward.displacement, forward.covered, loads);
   times.lap("forward field");
   InverseStatistics inverse_statistics;
-  const DenseField inverse = inverse_field(pair.fixed.grid, forward, deformation.function(), inverse_tolerance_mm, inverse_statistics);
+  const DenseField inverse = inverse_field(pair.fixed.grid, forward, deformation.function(), inverse_tolerance_mm, inverse_statistics, device.get());
   times.lap("inverse field");
-  const Image warped = warp_image(pair.moving, inverse.displacement, options.interpolation, float(options.outside));
+  const Image warped = warp_image(pair.moving, inverse.displacement, options.interpolation, float(options.outside), sampler);
   times.lap("warp");
 
   Json metrics, manifest;
@@ -190,6 +192,7 @@ void run(CLI::App& verb, RegisterOptions& options) {
   for (const char* key : {"converged", "steps", "error_estimate_mm", "smallest_volume_ratio"}) metrics["solver"][key] = manifest["solver"][key];
   metrics["jacobian"] = describe(jacobian_statistics(forward.displacement, forward.covered));
   metrics["inverse"] = {{"largest_residual_mm", inverse_statistics.largest_residual_mm}, {"covered_voxels", inverse_statistics.covered}, {"unresolved_voxels", inverse_statistics.unresolved}};
+  if (device) manifest["voxels_left_to_cpu"] = {{"forward", forward.undecided}, {"inverse", inverse.undecided}};
   if (metrics["jacobian"]["folded_voxels"].get<std::size_t>() > 0) warn("the deformation folds at some voxels (see metrics.json); results there are not to be trusted");
 
   announce(options, "writing");

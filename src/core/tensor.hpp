@@ -21,7 +21,7 @@ template <class T> MTLED_HD Vec3<T> operator-(Vec3<T> a, const Vec3<T>& b) { ret
 template <class T> MTLED_HD Vec3<T> operator*(const T& s, const Vec3<T>& a) { return {s * a.x, s * a.y, s * a.z}; }
 template <class T> MTLED_HD T dot(const Vec3<T>& a, const Vec3<T>& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 template <class T> MTLED_HD T squared_norm(const Vec3<T>& a) { return dot(a, a); }
-inline double norm(const Vec3<double>& a) { return std::sqrt(squared_norm(a)); }
+MTLED_HD inline double norm(const Vec3<double>& a) { return std::sqrt(squared_norm(a)); }
 template <class T> MTLED_HD Vec3<T> cross(const Vec3<T>& a, const Vec3<T>& b) {
   return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }

@@ -13,30 +13,12 @@ namespace {
 
 /// `source` at position(i, j, k, voxel) for every voxel of `grid`.
 template <class Position>
-Image sample(const Image& source, const Grid& grid, const Position& position, Interpolation interpolation,
-             float outside) {
+Image sample_at(const Image& source, const Grid& grid, const Position& position, Interpolation interpolation, float outside) {
   Image result(grid);
-  const auto fill = [&](const auto& value_at) {
-    for_each_voxel(
-        grid, [&](int i, int j, int k, std::size_t voxel) { result.data[voxel] = value_at(position(i, j, k, voxel)); });
+  const auto fill = [&](const Image& samples) {
+    for_each_voxel(grid, [&, view = view_of(samples)](int i, int j, int k, std::size_t voxel) { result.data[voxel] = sample(view, position(i, j, k, voxel), interpolation, outside); });
   };
-  switch (interpolation) {
-    case Interpolation::nearest:
-      fill([&](const Vec3d& point) { return nearest_value(source, point, outside); });
-      break;
-    case Interpolation::linear:
-      fill([&](const Vec3d& point) {
-        double value;
-        return linear_value(source, point, value) ? float(value) : outside;
-      });
-      break;
-    case Interpolation::cubic:
-      fill([&, spline = CubicSpline(source)](const Vec3d& point) {
-        double value;
-        return spline.evaluate(point, value) ? float(value) : outside;
-      });
-      break;
-  }
+  interpolation == Interpolation::cubic ? fill(spline_coefficients(source)) : fill(source);
   return result;
 }
 
@@ -50,8 +32,9 @@ auto displaced_position(const VectorImage& field) {
 
 }  // namespace
 
-Image warp_image(const Image& moving, const VectorImage& inverse, Interpolation interpolation, float outside) {
-  return sample(moving, inverse.grid, displaced_position(inverse), interpolation, outside);
+Image warp_image(const Image& moving, const VectorImage& inverse, Interpolation interpolation, float outside, const SampleDisplaced& device) {
+  if (device) return device(interpolation == Interpolation::cubic ? spline_coefficients(moving) : moving, inverse, interpolation, outside);
+  return sample_at(moving, inverse.grid, displaced_position(inverse), interpolation, outside);
 }
 
 LabelImage warp_labels(const LabelImage& labels, const VectorImage& inverse) {
@@ -67,7 +50,7 @@ Image warp_image_rigidly(const Image& moving, const Grid& fixed_grid, const Rigi
                          Interpolation interpolation, float outside) {
   const RigidMotion back = inverse(motion);
   const auto position = [&](int i, int j, int k, std::size_t) { return back.apply(fixed_grid.point(i, j, k)); };
-  return sample(moving, fixed_grid, position, interpolation, outside);
+  return sample_at(moving, fixed_grid, position, interpolation, outside);
 }
 
 std::vector<Vec3d> warp_points(const std::vector<Vec3d>& points, const DisplacementFunction& u,
@@ -96,7 +79,7 @@ Image resample(const Image& image, const Vec3d& spacing_mm) {
     first[a] = (grid.spacing[a] / image.grid.spacing[a] - 1) / 2;
   }
   grid.origin = image.grid.point(first);
-  return sample(
+  return sample_at(
       image, grid, [&](int i, int j, int k, std::size_t) { return grid.point(i, j, k); }, Interpolation::linear, 0);
 }
 

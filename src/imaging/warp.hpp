@@ -2,6 +2,7 @@
 #include <functional>
 #include <vector>
 
+#include "core/field_backend.hpp"
 #include "core/motion.hpp"
 #include "core/volume.hpp"
 
@@ -15,11 +16,12 @@ using DisplacementFunction = std::function<bool(const Vec3d& X, Vec3d& u)>;
 struct DenseField {
   VectorImage displacement;  ///< [mm] defined on every voxel
   Mask covered;              ///< 1 = from the mechanics, 0 = smooth extension into the surroundings
+  std::size_t undecided = 0; ///< voxels that a device left to the CPU
 };
 
 /// Forward field on the moving grid: voxel X -> X + u(X). Outside the body: smooth extension (see extend_smoothly).
-/// Throws an input error when u covers no voxel.
-DenseField forward_field(const Grid& moving_grid, const DisplacementFunction& u);
+/// With a `device`, u is asked only where that does not decide. Throws an input error when u covers no voxel.
+DenseField forward_field(const Grid& moving_grid, const DisplacementFunction& u, FieldBackend* device = nullptr);
 
 struct InverseStatistics {
   double largest_residual_mm = 0;  ///< of |X + u(X) - y| over covered voxels; at most the tolerance
@@ -29,10 +31,10 @@ struct InverseStatistics {
 /// Inverse field on the fixed grid: voxel y -> X = y + v(y), found by iteration on the true u (start: `forward`, which
 /// may be coarser than the fixed grid), |X + u(X) - y| <= tolerance_mm. Newton and Broyden steps: also where plain
 /// iteration X <- y - u(X) diverges. Outside the deformed body and where unresolved: smooth extension. Costs about one
-/// call of u per covered voxel when `forward` is as fine as the moving image. Throws an input error when the deformed
+/// call of u per covered voxel when `forward` is as fine as the moving image. With a `device`, as forward_field(). Throws an input error when the deformed
 /// body covers no voxel.
 DenseField inverse_field(const Grid& fixed_grid, const DenseField& forward, const DisplacementFunction& u,
-                         double tolerance_mm, InverseStatistics& statistics);
+                         double tolerance_mm, InverseStatistics& statistics, FieldBackend* device = nullptr);
 
 /// Fills the voxels where `covered` is 0 from the covered ones: averages from coarse to fine (push-pull, Gortler et al.
 /// 1996), relaxed towards Laplace's equation on every level. Stays within the range of the covered values, is
@@ -40,10 +42,9 @@ DenseField inverse_field(const Grid& fixed_grid, const DenseField& forward, cons
 /// input error when nothing is covered or the grids differ.
 void extend_smoothly(VectorImage& field, const Mask& covered);
 
-/// Linear; interpolating cubic B-spline (Unser 1999), which is sharper and overshoots at steep edges; nearest voxel.
-enum class Interpolation { linear, cubic, nearest };
 /// moving(y + v(y)) on the grid of `inverse`; `outside` where that position is beyond the moving image's border voxels.
-Image warp_image(const Image& moving, const VectorImage& inverse, Interpolation interpolation, float outside);
+/// By `device` when there is one; cubic coefficients are found on the CPU.
+Image warp_image(const Image& moving, const VectorImage& inverse, Interpolation interpolation, float outside, const SampleDisplaced& device = {});
 /// Label of the voxel nearest to y + v(y), 0 outside.
 LabelImage warp_labels(const LabelImage& labels, const VectorImage& inverse);
 /// The same for one rigid motion moving -> fixed (baseline).
