@@ -6,6 +6,7 @@
 #include <cstdio>
 
 #include "core/error.hpp"
+#include "cuda/field.hpp"
 #include "evaluation_report.hpp"
 #include "image_io/checksum.hpp"
 #include "image_io/image_io.hpp"
@@ -167,8 +168,10 @@ void run(CLI::App& verb, RegisterOptions& options) {
   times.lap("mechanics");
 
   announce(options, "warping");
-  const std::unique_ptr<FieldBackend> device;  // none: fields and warp on the CPU
-  const SampleDisplaced sampler;
+  std::unique_ptr<FieldBackend> device;  // none: fields and warp on the CPU
+  SampleDisplaced sampler;
+  if (const DeviceChoice& solved = deformation.device(); !solved.on_cpu())
+    device = cuda_field(solved.ordinal, deformation.evaluator(), deformation.solution().parameter), sampler = cuda_sampler(solved.ordinal);
   const DenseField forward = forward_field(pair.moving.grid, deformation.function(), device.get());
   report_deviations(tissue.body, forward.displacement, forward.covered, loads);
   times.lap("forward field");

@@ -1,6 +1,7 @@
 #include <cstdio>
 
 #include "core/error.hpp"
+#include "cuda/field.hpp"
 #include "image_io/image_io.hpp"
 #include "io/tables.hpp"
 #include "pipeline.hpp"
@@ -58,7 +59,10 @@ void run(CLI::App& verb, const WarpOptions& options) {
     if (!options.image.empty()) {
       const Image image = read_image(options.image, "image");
       require_reached(image.grid, options.image);
-      write_image(options.output, warp_image(image, v, options.interpolation, float(options.outside)));
+      // One image is warped on the CPU sooner than a GPU starts: only when it is asked for.
+      const DeviceRequest request = parse_device(options.device);
+      const SampleDisplaced sampler = request.kind == DeviceRequest::cuda ? cuda_sampler(choose_device(request, cuda_status()).ordinal) : SampleDisplaced();
+      write_image(options.output, warp_image(image, v, options.interpolation, float(options.outside), sampler));
     } else {
       const LabelImage labels = read_labels(options.labels, "labels");
       require_reached(labels.grid, options.labels);

@@ -6,6 +6,7 @@
 
 #include "core/field_backend.hpp"
 #include "cuda/field_functors.hpp"
+#include "cuda/uploaded.hpp"
 
 namespace mtled {
 
@@ -19,20 +20,12 @@ void each_piece_of(const Grid& grid, const Work& work) {
 }
 inline std::size_t largest_piece(const Grid& grid) { return std::min(voxels_per_launch, grid.count()); }
 
-/// Host memory, copied to a device.
-template <class Device, class T>
-typename Device::template Buffer<T> copy_on(Device& device, const std::vector<T>& values) {
-  typename Device::template Buffer<T> buffer(device, values.size());
-  buffer.upload(values.data(), values.size());
-  return buffer;
-}
-
 /// Dense fields by the functors of field_functors.hpp. `Device` runs index functors, see CudaDevice.
 template <class Device>
 class FieldOn : public FieldBackend {
  public:
   FieldOn(Device device, const LatticeField& field)
-      : device_(std::move(device)), parameter_(copy_on(device_, field.parameter)), flags_(copy_on(device_, field.flags)), view_(field.view) {
+      : device_(std::move(device)), parameter_(uploaded(device_, field.parameter)), flags_(uploaded(device_, field.flags)), view_(field.view) {
     view_.parameter = parameter_.data(), view_.flags = flags_.data();
   }
 
@@ -49,7 +42,7 @@ class FieldOn : public FieldBackend {
 
   double inverse(const VectorImage& forward, double tolerance_mm, VectorImage& v, Volume<Coverage>& coverage) override {
     const std::size_t piece = largest_piece(v.grid);
-    const Buffer<Vec3f> dense = copy_on(device_, forward.data);
+    const Buffer<Vec3f> dense = uploaded(device_, forward.data);
     const VolumeView<Vec3f> start{GridView(forward.grid), dense.data()};
     Buffer<Vec3f> v_here(device_, piece);
     Buffer<Coverage> coverage_here(device_, piece);
@@ -91,7 +84,7 @@ Image sample_displaced_on(Device& device, const Image& samples, const VectorImag
   using Vectors = typename Device::template Buffer<Vec3f>;
   Image warped(displacement.grid);
   const std::size_t piece = largest_piece(warped.grid);
-  const Floats source = copy_on(device, samples.data);
+  const Floats source = uploaded(device, samples.data);
   Vectors v(device, piece);
   Floats here(device, piece);
   each_piece_of(warped.grid, [&](std::size_t first, std::size_t count) {
