@@ -9,6 +9,7 @@
 #include "free_memory.hpp"
 #include "image_io/image_io.hpp"
 #include "imaging/same_grid.hpp"
+#include "io/case_output.hpp"
 #include "io/tables.hpp"
 
 namespace mtled {
@@ -284,12 +285,16 @@ void require_memory(const Mask& body, double spacing) {
          " GB of memory are free; use --node-spacing ", std::ceil(10 * spacing * std::cbrt(needed / there)) / 10, " or more");
 }
 
-Deformation::Deformation(const Tissue& tissue, const BoneLoads& loads, const MechanicsOptions& options, const CommonOptions& common) {
+Deformation::Deformation(const Tissue& tissue, const BoneLoads& loads, const MechanicsOptions& options, const CommonOptions& common, const std::filesystem::path& export_to) {
   announce(common, "placing nodes and integration points");
   const double spacing = options.sampling.node_spacing_mm;
   body_ = sample_body(tissue.body, tissue.shear_modulus, loads.labels, loads.motions, options.sampling, tissue.bulk_modulus ? &*tissue.bulk_modulus : nullptr);
   for (int label : body_.labels_outside) warn(concatenate("label ", label, " holds no part of the body at a spacing of ", spacing, " mm and does not move it; correct the labels or the mask, or use a smaller --node-spacing"));
   evaluator_.emplace(body_.cloud, std::vector<std::uint8_t>(), options.shapes);
+  if (!export_to.empty()) {
+    announce(common, "exporting the case");
+    write_case(export_to, *evaluator_, body_.points, body_.rigid, options.solver);
+  }
   announce(common, concatenate("solving: ", body_.cloud.size(), " nodes, ", body_.points.size(), " integration points, ", body_.rigid.position.size(), " pieces of rigid bodies"));
   SolverOptions solver = options.solver;
   solver.progress = progress_printer(common.quiet);

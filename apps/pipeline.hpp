@@ -74,7 +74,8 @@ void require_memory(const Mask& body, double node_spacing_mm);
 /// The deformed body.
 class Deformation {
  public:
-  Deformation(const Tissue& tissue, const BoneLoads& loads, const MechanicsOptions& options, const CommonOptions& common);
+  /// `export_to`: where the problem is written as a case of `mtled solve` before it is solved; empty: nowhere.
+  Deformation(const Tissue& tissue, const BoneLoads& loads, const MechanicsOptions& options, const CommonOptions& common, const std::filesystem::path& export_to);
   /// u(X) [mm]; false outside the body's lattice cells.
   bool displacement(const Vec3d& X, Vec3d& u) const;
   DisplacementFunction function() const {

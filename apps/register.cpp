@@ -20,7 +20,7 @@ namespace mtled {
 namespace {
 
 struct RegisterOptions : CommonOptions {
-  std::filesystem::path moving, fixed, output;
+  std::filesystem::path moving, fixed, output, export_case;
   std::vector<double> resample;
   TissueOptions tissue;
   MotionOptions motion;
@@ -151,7 +151,11 @@ void run(CLI::App& verb, RegisterOptions& options) {
   BoneLoads loads = read_loads(pair.moving, pair.fixed, options.motion);
   const Landmarks landmarks = read_landmarks(options.evaluation.landmarks);
   const std::vector<Vec3d> points = options.points.empty() ? std::vector<Vec3d>() : read_points(options.points);
+  if (!options.export_case.empty() && std::filesystem::weakly_canonical(options.export_case) == std::filesystem::weakly_canonical(options.output))
+    fail(Failure::usage, "--export-case and --output are the same folder, and both write a nodes.csv; choose another one for the case");
   const OutputDirectory output(options.output, options.force);
+  std::optional<OutputDirectory> exported;
+  if (!options.export_case.empty()) exported.emplace(options.export_case, options.force);
   times.lap("reading");
   const Tissue tissue = find_tissue(pair.moving, options.tissue, options);
   require_memory(tissue.body, options.mechanics.sampling.node_spacing_mm);
@@ -159,7 +163,7 @@ void run(CLI::App& verb, RegisterOptions& options) {
   times.lap("tissue");
   find_motions(pair.moving, pair.fixed, options.motion, options, loads);
   times.lap("motions");
-  const Deformation deformation(tissue, loads, options.mechanics, options);
+  const Deformation deformation(tissue, loads, options.mechanics, options, options.export_case);
   times.lap("mechanics");
 
   announce(options, "warping");
@@ -227,6 +231,7 @@ void add_register(CLI::App& program) {
   verb->add_option("--moving,-m", options->moving, "moving image: NIfTI, NRRD, MetaImage or a folder with a DICOM series")->type_name("IMAGE");
   verb->add_option("--fixed,-f", options->fixed, "fixed image")->type_name("IMAGE");
   verb->add_option("--output,-o", options->output, "folder for the results")->type_name("DIR");
+  verb->add_option("--export-case", options->export_case, "also write what is solved as a case for mtled solve into this folder, before solving it")->type_name("DIR");
   verb->add_option("--resample", options->resample, "resample both images to this voxel spacing first [mm], three numbers")->expected(3)->check(positive());
   add_motion_options(*verb, options->motion);
   add_tissue_options(*verb, options->tissue);

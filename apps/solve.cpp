@@ -73,14 +73,14 @@ void run(const SolveOptions& options) {
   const auto limit = start(options);
   SolveCase problem = read_case(options.case_file);
   const OutputDirectory output(options.output, options.force);
-  mark_body_cells(problem.cloud, problem.points);
+  if (problem.cloud.lattice && problem.cloud.lattice->body_cell.empty()) mark_body_cells(problem.cloud, problem.points);
   problem.solver.progress = progress_printer(options.quiet);
   const Discretisation discretisation = discretise(problem);
   const Approximation& field = *discretisation.field;
   for (std::size_t p = 0; p < problem.probes.size(); ++p)
     require(field.touches(problem.probes[p]), "probe ", p, " at (", problem.probes[p].x, ", ", problem.probes[p].y, ", ", problem.probes[p].z,
             ") mm lies outside the body; remove it");
-  require_nodes_at_points(field, problem.points.position);
+  if (!problem.merge_points_outside) require_nodes_at_points(field, problem.points.position);
   if (problem.align_points && problem.elements.size() == 0)
     problem.points = reduce_volumetric_integration(field, align_with_coupled_cells(field, problem.points));
   if (problem.dynamics) return run_in_time(output, discretisation, problem);

@@ -206,6 +206,29 @@ TEST_F(CommandLine, SameBitsForOneAndTwoThreads) {
     EXPECT_TRUE(program::content(file("1") / name) == program::content(file("2") / name)) << name;
 }
 
+// nodes.csv has 9 digits; the numbers of the reports are doubles with all of theirs.
+TEST_F(CommandLine, AnExportedCaseHasTheSameSolution) {
+  Strings arguments = Shared::registration(shared.folder / "pair", file("result"));
+  for (const std::string& more : Strings{"--export-case", file("result/case").string(), "--tolerance", "0.03", "--no-evaluation", "-q"}) arguments.push_back(more);
+  Outcome outcome = run(arguments);
+  ASSERT_EQ(outcome.code, 0) << outcome.err;
+  EXPECT_EQ(program::listing(file("result/case")), (Strings{"body_cells.csv", "case.toml", "nodes.csv", "points.csv", "springs.csv"}));
+  outcome = run({"solve", file("result/case/case.toml").string(), "-o", file("solved").string(), "-q"});
+  ASSERT_EQ(outcome.code, 0) << outcome.err;
+  EXPECT_TRUE(program::content(file("result/nodes.csv")) == program::content(file("solved/nodes.csv")));
+  const Json registered = json(file("result/manifest.json"))["solver"], solved = json(file("solved/summary.json"));
+  for (const char* key : {"steps", "force_evaluations", "error_estimate_mm", "strain_energy_mN_mm", "smallest_volume_ratio", "integration_points"}) EXPECT_EQ(registered[key], solved[key]) << key;
+  EXPECT_LT(solved["error_estimate_mm"], 0.03);
+  for (int label = 1; label <= torso::bones; ++label) EXPECT_TRUE(solved["reactions_mN"].contains("label " + std::to_string(label)));
+
+  arguments[std::size_t(std::find(arguments.begin(), arguments.end(), "-o") - arguments.begin()) + 1] = file("again").string();
+  program::expect_refusal(run(arguments), 7, {"result/case", "not empty", "--force"});
+  EXPECT_FALSE(fs::exists(file("again")));
+  arguments[std::size_t(std::find(arguments.begin(), arguments.end(), "--export-case") - arguments.begin()) + 1] = file("again").string();
+  program::expect_refusal(run(arguments), 2, {"--export-case", "--output", "choose another one"});
+  EXPECT_FALSE(fs::exists(file("again")));
+}
+
 TEST_F(CommandLine, QuietSaysNothingOnStandardError) {
   EXPECT_NE(shared.outcome.err.find("solving"), std::string::npos);
   const Outcome quiet = run({"classify", "-i", pair("moving.nii.gz").string(), "-o", file("out").string(), "--quiet"});

@@ -396,7 +396,7 @@ INSTANTIATE_TEST_SUITE_P(Clouds, ConstraintOperators, testing::Bool(), [](const 
 
 TEST_P(ConstraintOperators, ImposeTheFieldAtPrescribedNodes) {
   const Prescribed scene(GetParam());
-  const ConstraintOperator<double> operators(*scene.evaluator, scene.layout, scene.constraints);
+  const ConstraintOperator operators(*scene.evaluator, scene.layout, scene.constraints);
   EXPECT_EQ(operators.direct(), !GetParam());
   for (double load : {0.0, 0.3, 1.0}) {
     NodalField<double> u = scene.rough(1);
@@ -414,7 +414,7 @@ TEST_P(ConstraintOperators, ImposeTheFieldAtPrescribedNodes) {
 TEST_P(ConstraintOperators, ReduceIsTheAdjointOfImpose) {
   // For any force f and any admissible change v of the free parameters, f . impose(v, 0) = reduce(f) . v.
   const Prescribed scene(GetParam());
-  const ConstraintOperator<double> operators(*scene.evaluator, scene.layout, scene.constraints);
+  const ConstraintOperator operators(*scene.evaluator, scene.layout, scene.constraints);
   NodalField<double> f = scene.rough(2), v = scene.rough(3);
   const NodalField<double> free_v = scene.rough(3);
   const auto product = [](const NodalField<double>& a, const NodalField<double>& b) {
@@ -433,7 +433,7 @@ TEST_P(ConstraintOperators, ReduceIsTheAdjointOfImpose) {
 TEST_P(ConstraintOperators, ReactionsDoTheWorkOfTheForce) {
   // Equilibrium forces f = Phi^T lambda: their work on any field v is that of the reactions on the field at the nodes.
   const Prescribed scene(GetParam());
-  const ConstraintOperator<double> operators(*scene.evaluator, scene.layout, scene.constraints);
+  const ConstraintOperator operators(*scene.evaluator, scene.layout, scene.constraints);
   std::vector<Vec3d> lambda(scene.constraints.node.size());
   NodalField<double> f(std::size_t(scene.layout.num_slots));
   std::mt19937 random(4);
@@ -447,7 +447,9 @@ TEST_P(ConstraintOperators, ReactionsDoTheWorkOfTheForce) {
       for (std::size_t i = 0; i < s.node.size(); ++i) f.at(std::size_t(scene.layout.slot_of_node[std::size_t(s.node[i])]), c) += s.value[i] * lambda[b][c];
     }
   }
-  const std::vector<Vec3d> reaction = operators.reactions(f);
+  std::vector<Vec3d> internal(f.slots());
+  for (std::size_t s = 0; s < f.slots(); ++s) internal[s] = {f.at(s, 0), f.at(s, 1), f.at(s, 2)};
+  const std::vector<Vec3d> reaction = operators.reactions(internal);
   for (std::size_t b = 0; b < lambda.size(); ++b) EXPECT_LT(norm(reaction[b] - lambda[b]), 1e-11);
   operators.reduce(f);
   for (std::size_t s = 0; s < f.slots(); ++s)
@@ -456,7 +458,7 @@ TEST_P(ConstraintOperators, ReactionsDoTheWorkOfTheForce) {
 
 TEST(ConstraintOperatorInFloat, KeepsTheFieldToAMillionth) {
   const Prescribed scene(true);
-  const ConstraintOperator<float> operators(*scene.evaluator, scene.layout, scene.constraints);
+  const ConstraintOperator operators(*scene.evaluator, scene.layout, scene.constraints);
   NodalField<float> u(std::size_t(scene.layout.num_slots));
   operators.impose(u, 1);
   double largest_value = 0, worst = 0;
@@ -479,7 +481,7 @@ TEST(ConstraintOperatorErrors, NodesAtOnePlaceCannotBothBePrescribed) {
   scenes::prescribe(cloud, constraints, "all", [&](const Vec3d& x) { return x == nodes[0] || x.z < 1; }, scenes::nowhere);
   const ShapeEvaluator evaluator(cloud, scenes::prescribed_flags(cloud, constraints), {});
   Failure failure{};
-  const std::string message = scenes::error_of([&] { ConstraintOperator<double>(evaluator, make_slot_layout(cloud, 1), constraints); }, &failure);
+  const std::string message = scenes::error_of([&] { ConstraintOperator(evaluator, make_slot_layout(cloud, 1), constraints); }, &failure);
   EXPECT_EQ(failure, Failure::input) << message;
   EXPECT_NE(message.find("too close together"), std::string::npos) << message;
 }

@@ -1,5 +1,7 @@
 #include <nlohmann/json.hpp>
 
+#include <cmath>
+#include <functional>
 #include <sstream>
 
 #include "core/error.hpp"
@@ -595,6 +597,140 @@ TEST_F(Solve, OnePointPerElementIsEnough) {
   EXPECT_LT(summary()["fewest_points_per_node"].get<double>(), 1);
   EXPECT_GT(summary()["nodes_with_few_points"], 0);
   EXPECT_NE(program::content(out("nodes.vtu")).find("points_per_node"), std::string::npos);
+}
+
+/// Extension [mm] of the cube between held sides when `stretch` [mm] is shared with springs of `compliance` [mm/mN] in series.
+double extension_in_series(double stretch, double compliance) {
+  const auto force = [](double extension) {  // area * dW/dl of the neo-Hookean law at F = diag(1, 1, l)
+    const double l = 1 + extension / side;
+    return side * side * (2.0 / 3 * shear_modulus * (std::cbrt(l) - 1 / std::pow(l, 5.0 / 3)) + bulk_modulus * (l - 1));
+  };
+  double low = 0, high = stretch;
+  for (int i = 0; i < 60; ++i) {
+    const double middle = (low + high) / 2;
+    (middle + compliance * force(middle) < stretch ? low : high) = middle;
+  }
+  return low;
+}
+
+// Springs at the centres of the faces of elements give every node its share of a uniform traction, so that the field is linear.
+TEST_F(Solve, SpringsAndBodyAreInSeries) {
+  write_elements();
+  constexpr double soft = 3, stiff = 8, pull = 5;  // [mN/mm] per spring below and above; [mm]
+  constexpr int faces = cells * cells;
+  const auto add_springs = [](std::ostream& table, double height, const std::string& rest) {
+    for (int f = 0; f < faces; ++f) table << spacing * (f % cells + 0.5) << ',' << spacing * (f / cells + 0.5) << ',' << height << ',' << rest << '\n';
+  };
+  const auto write_constraints = [&](const std::string& upper) {  // no motion across the pull
+    std::ofstream constraints(file("constraints.csv"));
+    constraints << "node,ux,uy,uz,set\n";
+    for (int n = 0; n < node(0, 0, cells + 1); ++n) constraints << n << ",0,0," << (n < node(0, 0, cells) ? "" : upper) << ",guide\n";
+  };
+  const std::string settings = "[springs]\nfile = \"springs.csv\"\n[solver]\nprecision = \"double\"\ntolerance_mm = 1e-6\n";
+  file("case.toml", program::content(file("case.toml")) + settings);
+  const auto largest_error = [&](double below, double extension) {
+    const std::vector<Vec3d> x = read_points(out("nodes.csv")), u = read_points(out("nodes.csv"), {"ux", "uy", "uz"});
+    double largest = 0;
+    for (std::size_t n = 0; n < x.size(); ++n) largest = std::max(largest, norm(u[n] - Vec3d{0, 0, below + extension * x[n].z / side}));
+    return largest;
+  };
+
+  write_constraints("");
+  std::ofstream both(file("springs.csv"));
+  both << "x,y,z,stiffness,ux,uy,uz,set\n";
+  add_springs(both, 0, concatenate(soft, ",0,0,0,lower"));
+  add_springs(both, side, concatenate(stiff, ",0,0,", pull, ",upper"));
+  both.close();
+  const Outcome outcome = run();
+  ASSERT_EQ(outcome.code, 0) << outcome.err;
+  const double extension = extension_in_series(pull, 1 / (faces * soft) + 1 / (faces * stiff)), force = (pull - extension) / (1 / (faces * soft) + 1 / (faces * stiff));
+  EXPECT_LT(largest_error(force / (faces * soft), extension), 1e-6);
+  EXPECT_NEAR(summary()["reactions_mN"]["upper"][2].get<double>(), force, 1e-6 * force);
+  EXPECT_NEAR(summary()["reactions_mN"]["lower"][2].get<double>(), -force, 1e-6 * force);
+
+  write_constraints("1");
+  std::ofstream foundation(file("springs.csv"));
+  foundation << "x,y,z,stiffness\n";
+  add_springs(foundation, 0, concatenate(soft));
+  foundation.close();
+  ASSERT_EQ(run({"--force"}).code, 0);
+  const double rest = extension_in_series(1, 1 / (faces * soft));
+  EXPECT_LT(largest_error(1 - rest, rest), 1e-6);
+  EXPECT_NEAR(summary()["reactions_mN"]["springs"][2].get<double>(), -(1 - rest) * faces * soft, 1e-6 * faces * soft);
+}
+
+TEST_F(Solve, SpringsThatMakeNoSense) {
+  write_case("[springs]\nfile = \"springs.csv\"\n");
+  const auto refuse = [&](const std::string& table, const Strings& parts) {
+    file("springs.csv", table);
+    refused(input, parts);
+  };
+  refuse("x,y,z,stiffness\n1,2,3,4\n1,2,3,0\n", {"springs.csv, line 3", "stiffness is 0 mN/mm", "positive"});
+  refuse("x,y,z,stiffness\n1,2,3,-4\n", {"line 2", "stiffness is -4"});
+  refuse("x,y,z\n1,2,3\n", {"no column 'stiffness'"});
+  refuse("x,y,z,stiffness,ux,uy\n1,2,3,4,5,6\n", {"no column 'uz'"});
+  refuse("x,y,z,stiffness,ux,uy,uz\n1,2,3,4,5,,6\n", {"line 2", "'uy'", "empty"});
+  refuse("x,y,z,stiffness\n", {"springs.csv", "no rows"});
+  refuse("x,y,z,stiffness\n15,15,15,4\n15,15,100,4\n", {"spring of row 1", "(15, 15, 100) mm", "no nodes", "remove it"});
+  write_case("[springs]\nstiffness = 3.0\n");
+  refused(input, {"[springs] lacks `file`"});
+  file("case.toml", "[nodes]\nfile = \"nodes.csv\"\n[points]\nfile = \"points.csv\"\n[springs]\nfile = \"springs.csv\"\n");
+  refuse("x,y,z,stiffness\n15,15,15,4\n", {"3 rigid motions", "free"});
+}
+
+TEST_F(Solve, BodyCellsThatAreGivenReplaceThoseOfThePoints) {
+  const std::string sized = "lattice = { origin = [0.0, 0.0, 0.0], spacing = 5.0, size = [7, 7, 7] }\n", with_cells = sized + "body_cells = \"body_cells.csv\"\n";
+  const auto write_cells = [&](const std::function<bool(int, int, int)>& body) {
+    std::ofstream table(file("body_cells.csv"));
+    table << "i,j,k\n";
+    for (int k = 0; k < cells; ++k)
+      for (int j = 0; j < cells; ++j)
+        for (int i = 0; i < cells; ++i)
+          if (body(i, j, k)) table << i << ',' << j << ',' << k << '\n';
+  };
+  ASSERT_EQ(run().code, 0);
+  const std::string whole = program::content(out("nodes.csv"));
+  write_cells([](int, int, int) { return true; });
+  write_case("", with_cells);
+  ASSERT_EQ(run({"--force"}).code, 0);
+  EXPECT_EQ(program::content(out("nodes.csv")), whole);
+  write_cells([](int i, int, int k) { return i != 3 || k > 3; });  // a slit
+  ASSERT_EQ(run({"--force"}).code, 0);
+  EXPECT_NE(program::content(out("nodes.csv")), whole);
+
+  fs::remove_all(out());
+  file("body_cells.csv", "i,j,k\n0,0,0\n0,6,0\n");
+  refused(input, {"body_cells.csv, line 3", "6 is no cell", "0 to 5"});
+  file("body_cells.csv", "i,j,k\n0,0.5,0\n");
+  refused(input, {"line 2", "0.5 is no cell"});
+  file("body_cells.csv", "i,j,k\n");
+  refused(input, {"body_cells.csv", "no rows"});
+  write_case("", "lattice = { origin = [0.0, 0.0, 0.0], spacing = 5.0 }\nbody_cells = \"body_cells.csv\"\n");
+  refused(input, {"nodes.body_cells", "add size"});
+  write_case("", "lattice = { origin = [0.0, 0.0, 0.0], spacing = 5.0, size = [7, 7, 6] }\n");
+  refused(input, {"node 294", "outside the lattice of 6 positions", "axis 2"});
+  for (const char* size : {"[7, 7]", "[7, 7, 7.5]", "[7, 7, 1]"}) {
+    write_case("", std::string("lattice = { origin = [0.0, 0.0, 0.0], spacing = 5.0, size = ") + size + " }\n");
+    refused(input, {"nodes.lattice.size", "three whole numbers"});
+  }
+}
+
+TEST_F(Solve, PointsOutsideMayBeMerged) {
+  ASSERT_EQ(run().code, 0);
+  const double energy = summary()["strain_energy_mN_mm"];
+  file("points.csv", program::content(file("points.csv")) + "500,15,15,15.625\n");
+  write_case("");
+  std::string text = program::content(file("case.toml"));
+  text.insert(text.find("[material]"), "outside = \"merge\"\n");
+  file("case.toml", text);
+  const Outcome outcome = run({"--force"});
+  ASSERT_EQ(outcome.code, 0) << outcome.err;
+  EXPECT_EQ(summary()["dropped_points"], 1);
+  EXPECT_GT(summary()["strain_energy_mN_mm"].get<double>(), energy) << "its volume is not lost";
+  fs::remove_all(out());
+  text.replace(text.find("merge"), 5, "leave");
+  file("case.toml", text);
+  refused(input, {"points.outside", "'leave'", "choose error or merge"});
 }
 
 TEST_F(Solve, StrongCompressionIsAppliedInSmallerSteps) {

@@ -133,20 +133,21 @@ TEST(Springs, AreInTheCoarseMatrix) {
   Springs springs = some_springs(cloud, 3000);
   for (int& s : springs.set) s = 0;
   std::vector<Vec3d> position(std::size_t(layout.num_slots));
-  NodalField<double> active(position.size());
+  std::vector<std::uint8_t> active(3 * position.size(), 0);
+  const auto free = [&](std::size_t slot, int c) -> std::uint8_t& { return active[std::size_t(c) * position.size() + slot]; };
   for (std::size_t n = 0; n < cloud.size(); ++n) {
     const std::size_t slot = std::size_t(layout.slot_of_node[n]);
     position[slot] = cloud.nodes[n];
-    for (int c = 0; c < 3; ++c) active.at(slot, c) = cloud.nodes[n].x < 1 && c == 1 ? 0 : 1;  // some components prescribed
+    for (int c = 0; c < 3; ++c) free(slot, c) = cloud.nodes[n].x < 1 && c == 1 ? 0 : 1;  // some components prescribed
   }
-  CoarseSpace<double> coarse(position, active, 100, 40);
+  CoarseSpace coarse(position, active, 100, 40);
   coarse.add_springs(springs, layout);
-  coarse.assemble({}, {}, active);
+  coarse.assemble({}, {}, std::vector<Vec3d>(position.size()));
   const SpringForces<double> forces(springs, layout);
   NodalField<double> smooth(position.size()), f(position.size()), again(position.size());
   for (std::size_t s = 0; s < position.size(); ++s) {
     const Vec3d linear{1 + 0.02 * position[s].y, 0.03 * position[s].x - 1, 0.5 - 0.02 * position[s].z};
-    for (int c = 0; c < 3; ++c) smooth.at(s, c) = active.at(s, c) * linear[c];
+    for (int c = 0; c < 3; ++c) smooth.at(s, c) = free(s, c) * linear[c];
   }
   forces.add_tangent(smooth, f);
   coarse.add_correction(f, again);

@@ -2,6 +2,7 @@
 
 #include <Eigen/Dense>
 
+#include "core/discrete_model.hpp"
 #include "core/relaxation.hpp"
 #include "scenes.hpp"
 
@@ -11,76 +12,59 @@ namespace {
 using scenes::Box;
 using scenes::Scene;
 
-/// The plain problem of a scene in double, with the fictitious mass of docs/method.md: small enough for dense matrices.
+SolverOptions plain_in_double() {
+  SolverOptions o;
+  o.relaxation = Relaxation::plain, o.double_precision = true, o.tolerance_mm = 1e-4, o.max_steps = 20000;
+  return o;
+}
+
+/// The plain problem of a scene in double: small enough for dense matrices.
 struct PlainModel {
   Scene scene;
   ShapeEvaluator evaluator;
-  SlotModel<double> model;
+  std::vector<double> points_of_nodes;
+  DiscreteModel model;
+  std::unique_ptr<Mechanics> mechanics;
 
-  explicit PlainModel(Scene s) : scene(std::move(s)), evaluator(scene.evaluator()) {
-    model.layout = make_slot_layout(scene.cloud, 1);
-    model.supports = build_supports(evaluator, model.layout, scene.points);
-    model.points = &scene.points;
-    const std::size_t slots = std::size_t(model.layout.num_slots);
-    model.position.resize(slots);
-    model.watched.assign(slots, 1);
-    model.constraints = std::make_unique<ConstraintOperator<double>>(evaluator, model.layout, scene.constraints);
-    model.forces = std::make_unique<CpuForces<double>>(model.supports, model.layout, scene.points);
-    model.strain_energy = [](const NodalField<double>&) { return 0.0; };
-    model.largest_displacement = [](const NodalField<double>& u) {
-      double top = 0;
-      for (std::size_t slot = 0; slot < u.slots(); ++slot)
-        for (int c = 0; c < 3; ++c) top = std::max(top, std::abs(u.at(slot, c)));
-      return top;
-    };
-    model.largest_increment = 1000, model.largest_distance = 10;
-    model.active = NodalField<double>(slots), model.inverse_diagonal = NodalField<double>(slots);
-    std::vector<double> mass(slots, 0.0);
-    const SupportTable& t = model.supports;
-    for (std::size_t p = 0; p < scene.points.size(); ++p) {
-      const int b = t.begin[std::size_t(t.stencil[p])], e = t.begin[std::size_t(t.stencil[p]) + 1];
-      for (int i = b; i < e; ++i)
-        mass[std::size_t(t.base[p] + t.offset[std::size_t(i)])] += scene.points.volume[p] * (scene.points.bulk_modulus[p] + 4 * scene.points.shear_modulus[p] / 3) / (e - b);
-    }
-    for (std::size_t i = 0; i < slots; ++i)
-      for (int c = 0; c < 3; ++c)
-        if (mass[i] > 0) model.active.at(i, c) = 1, model.inverse_diagonal.at(i, c) = 1 / mass[i];
-    model.constraints->each_dependent(false, [&](int slot, int c) { model.active.at(std::size_t(slot), c) = 0, model.inverse_diagonal.at(std::size_t(slot), c) = 0; });
-  }
+  explicit PlainModel(Scene s)
+      : scene(std::move(s)), evaluator(scene.evaluator()), model(make_static_model(evaluator, scene.points, scene.constraints, {}, {}, plain_in_double(), points_of_nodes)),
+        mechanics(make_cpu_mechanics(model, plain_in_double())) {}
 
   /// Largest eigenvalue of P K at rest from the dense matrix.
   double true_eigenvalue() const {
-    const std::size_t slots = model.position.size();
+    const std::size_t slots = model.slots();
     std::vector<std::pair<std::size_t, int>> free;
     for (std::size_t i = 0; i < slots; ++i)
       for (int c = 0; c < 3; ++c)
-        if (model.active.at(i, c) != 0) free.push_back({i, c});
-    NodalField<double> rest(slots), e(slots), f(slots);
+        if (model.active[std::size_t(c) * slots + i]) free.push_back({i, c});
+    const VectorPointer rest = mechanics->vector(), e = mechanics->vector(), f = mechanics->vector();
     Eigen::MatrixXd A(free.size(), free.size());
-    const auto root = [&](std::size_t r) { return std::sqrt(model.inverse_diagonal.at(free[r].first, free[r].second)); };
+    const auto root = [&](std::size_t r) { return std::sqrt(1 / model.diagonal[std::size_t(free[r].second) * slots + free[r].first]); };
     for (std::size_t r = 0; r < free.size(); ++r) {
-      e.clear();
-      e.at(free[r].first, free[r].second) = root(r);
-      model.constraints->impose(e, 0);
-      model.tangent(rest, e, f);
-      model.constraints->reduce(f);
-      for (std::size_t q = 0; q < free.size(); ++q) A(Eigen::Index(q), Eigen::Index(r)) = root(q) * f.at(free[q].first, free[q].second);
+      std::vector<Vec3d> unit(slots);
+      unit[free[r].first][free[r].second] = root(r);
+      mechanics->upload(unit, *e);
+      mechanics->impose(*e, 0);
+      mechanics->tangent(*rest, *e, *f);
+      mechanics->reduce(*f);
+      const std::vector<Vec3d> force = mechanics->download(*f);
+      for (std::size_t q = 0; q < free.size(); ++q) A(Eigen::Index(q), Eigen::Index(r)) = root(q) * force[free[q].first][free[q].second];
     }
     EXPECT_LT((A - A.transpose()).norm(), 1e-10 * A.norm());
     return Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(A, Eigen::EigenvaluesOnly).eigenvalues().maxCoeff();
   }
   RelaxationResult run(double largest_eigenvalue) const {
-    SolverOptions o;
-    o.largest_eigenvalue = largest_eigenvalue, o.relaxation = Relaxation::plain, o.double_precision = true, o.tolerance_mm = 1e-4, o.max_steps = 20000;
-    NodalField<double> u(model.position.size());
-    return relax(model, o, 1, u);
+    SolverOptions o = plain_in_double();
+    o.largest_eigenvalue = largest_eigenvalue;
+    const VectorPointer u = mechanics->vector();
+    return relax(model, *mechanics, o, 1, *u);
   }
 };
 
 enum class Kind { lattice, jittered, cut };
 /// A cube of 5 x 5 x 5 cells that is shortened by 1 %, so that its eigenvalues stay those at rest to about that; `cut`: a
 /// ball's boundary cuts its lattice cells, and some carry only a tenth of their volume.
-PlainModel small_body(Kind kind) {
+std::unique_ptr<PlainModel> small_body(Kind kind) {
   const Box box{{5, 5, 5}, 10};
   Scene scene;
   scene.cloud = kind == Kind::jittered ? scenes::jittered_box(box) : scenes::lattice_box(box);
@@ -90,7 +74,7 @@ PlainModel small_body(Kind kind) {
   if (kind == Kind::cut)
     for (std::size_t p = 0; p < scene.points.size(); ++p)
       if (norm(scene.points.position[p] - Vec3d{25, 25, 25}) > 27) scene.points.volume[p] *= 0.1;
-  return PlainModel(std::move(scene));
+  return std::make_unique<PlainModel>(std::move(scene));
 }
 
 class StableStep : public testing::TestWithParam<Kind> {};
@@ -99,18 +83,18 @@ INSTANTIATE_TEST_SUITE_P(Clouds, StableStep, testing::Values(Kind::lattice, Kind
 
 // The limit of the step is proportional to 1 / sqrt(lambda_max).
 TEST_P(StableStep, EstimateIsBelowTheLimitAndWithinAThird) {
-  const PlainModel body = small_body(GetParam());
-  const double truth = body.true_eigenvalue();
-  const RelaxationResult result = body.run(0);
+  const auto body = small_body(GetParam());
+  const double truth = body->true_eigenvalue();
+  const RelaxationResult result = body->run(0);
   EXPECT_TRUE(result.converged);
   EXPECT_GE(result.largest_eigenvalue, truth);
   EXPECT_LT(std::sqrt(result.largest_eigenvalue / truth), 1.3);
 }
 
 TEST_P(StableStep, JustBelowTheLimitConvergesAndJustAboveIsReportedAsDivergence) {
-  const PlainModel body = small_body(GetParam());
-  const double truth = body.true_eigenvalue();
-  const RelaxationResult below = body.run(truth / (0.99 * 0.99)), above = body.run(truth / (1.05 * 1.05));
+  const auto body = small_body(GetParam());
+  const double truth = body->true_eigenvalue();
+  const RelaxationResult below = body->run(truth / (0.99 * 0.99)), above = body->run(truth / (1.05 * 1.05));
   EXPECT_TRUE(below.converged && !below.diverged);
   EXPECT_TRUE(above.diverged && !above.converged);
 }

@@ -243,16 +243,4 @@ SampledBody sample_body(const Mask& body, const Image& shear_modulus, const Labe
   return result;
 }
 
-Springs springs_on(const RigidPieces& pieces, const Approximation& field) {
-  std::vector<ShapeFunctions> shapes(pieces.position.size());
-  parallel_for(shapes.size(), [&](std::size_t p) {
-    if (!field.at(pieces.position[p], shapes[p])) shapes[p].clear();
-  }, 256);
-  Springs springs;
-  springs.set_names = pieces.set_names;
-  for (std::size_t p = 0; p < shapes.size(); ++p)
-    if (!shapes[p].node.empty()) springs.add(shapes[p].node, shapes[p].value, pieces.stiffness[p], pieces.displacement[p], pieces.set[p]);
-  return springs;
-}
-
 }  // namespace mtled

@@ -19,20 +19,11 @@ struct SamplingOptions {
   double rigid_stiffness = 1;     ///< beta of the springs on rigid bodies, see sample_body()
 };
 
-/// Pieces of the rigid bodies, one per integration cell and body, each held in its place by a spring.
-struct RigidPieces {
-  std::vector<Vec3d> position;        ///< [n] centroid [mm]
-  std::vector<Vec3d> displacement;    ///< [n] by the motion of its body [mm]
-  std::vector<double> stiffness;      ///< [n] [mN/mm]
-  std::vector<int> set;               ///< [n] index into set_names
-  std::vector<std::string> set_names; ///< "label N"
-};
-
 /// A body made of nodes and integration points, ready for shape functions.
 struct SampledBody {
   Cloud cloud;
   IntegrationPoints points;           ///< of the soft tissue
-  RigidPieces rigid;
+  SpringPlaces rigid;                 ///< pieces of the rigid bodies, one per integration cell and body, at its centroid; sets "label N"
   std::vector<int> labels_outside;    ///< rigid bodies that no sample of the body meets
   double body_volume_mm3 = 0;         ///< of the mask, as sampled
 };
@@ -50,8 +41,5 @@ struct SampledBody {
 /// Input errors: empty mask, too few nodes, no soft tissue, modulus not positive in soft tissue.
 SampledBody sample_body(const Mask& body, const Image& shear_modulus, const LabelImage& labels,
                         const std::vector<LabelMotion>& motions, const SamplingOptions& options, const Image* bulk_modulus = nullptr);
-
-/// The springs of the pieces on the field's parameters; pieces where there are no shape functions are left out.
-Springs springs_on(const RigidPieces& pieces, const Approximation& field);
 
 }  // namespace mtled

@@ -15,12 +15,16 @@ constexpr double lattice_tolerance = 1e-4;  ///< of the spacing: rounding of coo
 constexpr double smallest_body_share = 0.1;  ///< of a lattice cell; cells of the nodes just outside the body have as much
 constexpr double cube_margin = 0.9;          ///< what inexact volumes and centroids may add to the edge of a point's cube
 
-/// Numbers the lattice positions from the lowest node on, so that the table covers just the nodes.
+/// Numbers the lattice positions from the lowest node on, so that the table covers just the nodes; of a lattice of given
+/// size, from its origin on.
 void index_nodes(Cloud& cloud) {
   Lattice& lattice = *cloud.lattice;
   require(lattice.spacing > 0, "lattice spacing is ", lattice.spacing, " mm; it must be positive");
   std::array<int, 3> low{std::numeric_limits<int>::max(), std::numeric_limits<int>::max(), std::numeric_limits<int>::max()};
   std::array<int, 3> high{std::numeric_limits<int>::min(), std::numeric_limits<int>::min(), std::numeric_limits<int>::min()};
+  const bool size_given = lattice.size != std::array<int, 3>{};
+  if (size_given)
+    for (std::size_t a = 0; a < 3; ++a) low[a] = 0, high[a] = lattice.size[a] - 1;
   cloud.lattice_ijk.resize(cloud.size());
   for (std::size_t n = 0; n < cloud.size(); ++n) {
     const Vec3d c = (1 / lattice.spacing) * (cloud.nodes[n] - lattice.origin);
@@ -30,6 +34,8 @@ void index_nodes(Cloud& cloud) {
       require(std::abs(c[a] - nearest) < lattice_tolerance, "node ", n, " at ", cloud.nodes[n][a],
               " mm is not on the promised lattice (it is ", std::abs(c[a] - nearest) * lattice.spacing,
               " mm off); correct origin and spacing, or leave `lattice` out");
+      require(!size_given || (nearest >= 0 && nearest < lattice.size[std::size_t(a)]), "node ", n, " at ", cloud.nodes[n][a], " mm lies outside the lattice of ",
+              lattice.size[std::size_t(a)], " positions along axis ", a, " from its origin; correct origin and size, or leave `size` out");
       cloud.lattice_ijk[n][a] = int(nearest);
       low[a] = std::min(low[a], int(nearest)), high[a] = std::max(high[a], int(nearest));
     }

@@ -66,8 +66,8 @@ struct Constraints {
   std::vector<std::string> set_names;
 };
 
-/// Cloud of given nodes; `lattice_origin`, `lattice_spacing`: promise that every node is on that lattice (input error
-/// with the first row that breaks it, or when two nodes share a place).
+/// Cloud of given nodes; `promise`: every node is on that lattice of origin and spacing (input error with the first row
+/// that breaks it, or when two nodes share a place). Where its size is 0 the lattice becomes as large as the nodes need.
 Cloud make_cloud(std::vector<Vec3d> nodes, std::optional<Lattice> promise);
 
 /// On a lattice: marks the cells that hold body, so that no support reaches across a gap. These are the cells with a point, and those of which points fill a tenth, each point standing for a cube. No effect on other clouds.

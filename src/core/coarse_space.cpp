@@ -28,23 +28,20 @@ void quadratic_splines(double t, double* w, double* dw) {
 
 }  // namespace
 
-template <class Real>
-struct CoarseSpace<Real>::Grid {
-  using Quad = typename LaneTraits<Real>::Quad;
+struct CoarseSpace::Grid {
   Vec3d origin;
   double spacing = 0;           ///< wanted; along each axis the cells are a little smaller so that they fit the body exactly
   Vec3d cell_size{};            ///< [mm]
   int cells[3] = {};            ///< spline cells; functions per axis: cells + 2
   const std::vector<Vec3d>* position = nullptr;
-  const NodalField<Real>* active = nullptr;
-  /// Nodes with a free parameter: slot, first function, and the nine one-dimensional weights.
-  struct Node { int slot, first; Real w[9]; };
+  const std::vector<std::uint8_t>* active = nullptr;
   std::vector<Node> nodes;
   std::vector<int> used;        ///< function numbers that touch a node
   std::vector<int> unknown_of;  ///< [functions] position in `used`, or -1
   Eigen::SparseMatrix<double> springs;  ///< Z^T K Z of the springs; empty without any
   Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> inverse;
 
+  bool is_active(std::size_t slot, int c) const { return (*active)[std::size_t(c) * position->size() + slot] != 0; }
   int functions(int axis) const { return cells[axis] + 2; }
   int stride_y() const { return functions(0); }
   int stride_z() const { return functions(0) * functions(1); }
@@ -65,12 +62,11 @@ struct CoarseSpace<Real>::Grid {
   int function(int first, int i, int j, int k) const { return first + i + stride_y() * j + stride_z() * k; }
 };
 
-template <class Real>
-CoarseSpace<Real>::CoarseSpace(const std::vector<Vec3d>& position, const NodalField<Real>& active, int unknowns, double smallest_spacing)
+CoarseSpace::CoarseSpace(const std::vector<Vec3d>& position, const std::vector<std::uint8_t>& active, int unknowns, double smallest_spacing)
     : grid_(new Grid) {
   Grid& g = *grid_;
   g.position = &position, g.active = &active;
-  const auto is_active = [&](std::size_t s) { return active.at(s, 0) != 0 || active.at(s, 1) != 0 || active.at(s, 2) != 0; };
+  const auto is_active = [&](std::size_t s) { return g.is_active(s, 0) || g.is_active(s, 1) || g.is_active(s, 2); };
   constexpr double inf = std::numeric_limits<double>::infinity();
   Vec3d low{inf, inf, inf}, high{-inf, -inf, -inf};
   for (std::size_t s = 0; s < position.size(); ++s)
@@ -89,9 +85,11 @@ CoarseSpace<Real>::CoarseSpace(const std::vector<Vec3d>& position, const NodalFi
   for (std::size_t s = 0; s < position.size(); ++s) {
     if (!is_active(s)) continue;
     double w[3][3];
-    typename Grid::Node node{int(s), g.locate(position[s], w, nullptr), {}};
-    for (int a = 0; a < 3; ++a)
-      for (int i = 0; i < 3; ++i) node.w[3 * a + i] = Real(w[a][i]);
+    Node node{int(s), g.locate(position[s], w, nullptr), {}, {}};
+    for (int a = 0; a < 3; ++a) {
+      node.active[a] = g.is_active(s, a);
+      for (int i = 0; i < 3; ++i) node.weight[3 * a + i] = float(w[a][i]);
+    }
     g.nodes.push_back(node);
     for (int k = 0; k < 3; ++k)
       for (int j = 0; j < 3; ++j)
@@ -102,17 +100,17 @@ CoarseSpace<Real>::CoarseSpace(const std::vector<Vec3d>& position, const NodalFi
     if (touched[f]) g.unknown_of[f] = int(g.used.size()), g.used.push_back(int(f));
 }
 
-template <class Real>
-CoarseSpace<Real>::~CoarseSpace() = default;
-template <class Real>
-int CoarseSpace<Real>::unknowns() const { return 3 * int(grid_->used.size()); }
-template <class Real>
-std::size_t CoarseSpace<Real>::bytes() const {
-  return grid_->nodes.size() * sizeof(typename Grid::Node) + std::size_t(unknowns()) * std::size_t(unknowns()) * sizeof(float);
+CoarseSpace::~CoarseSpace() = default;
+int CoarseSpace::unknowns() const { return 3 * int(grid_->used.size()); }
+const std::vector<CoarseSpace::Node>& CoarseSpace::nodes() const { return grid_->nodes; }
+std::array<int, 3> CoarseSpace::functions() const { return {grid_->functions(0), grid_->functions(1), grid_->functions(2)}; }
+const std::vector<int>& CoarseSpace::used_functions() const { return grid_->used; }
+const float* CoarseSpace::inverse() const { return grid_->inverse.data(); }
+std::size_t CoarseSpace::bytes() const {
+  return grid_->nodes.size() * sizeof(Node) + std::size_t(unknowns()) * std::size_t(unknowns()) * sizeof(float);
 }
 
-template <class Real>
-void CoarseSpace<Real>::add_springs(const Springs& springs, const SlotLayout& layout) {
+void CoarseSpace::add_springs(const Springs& springs, const SlotLayout& layout) {
   Grid& g = *grid_;
   if (g.used.empty()) return;
   // Rows of sqrt(stiffness) times the springs' stretch per unknown.
@@ -129,7 +127,7 @@ void CoarseSpace<Real>::add_springs(const Springs& springs, const SlotLayout& la
           for (int i = 0; i < 3; ++i) {
             const int unknown = g.unknown_of[std::size_t(g.function(first, i, j, k))];
             if (unknown < 0) continue;
-            for (int c = 0; c < 3; ++c) stretch[unknown][c] += springs.coefficient[e] * double(g.active->at(slot, c)) * w[0][i] * w[1][j] * w[2][k];
+            for (int c = 0; c < 3; ++c) stretch[unknown][c] += springs.coefficient[e] * double(g.is_active(slot, c)) * w[0][i] * w[1][j] * w[2][k];
           }
     }
     for (const auto& [unknown, s] : stretch)
@@ -166,8 +164,7 @@ void add_point(const PointTerms& p, float* matrix) {
 
 }  // namespace
 
-template <class Real>
-void CoarseSpace<Real>::assemble(const SupportTable& supports, const IntegrationPoints& points, const NodalField<Real>& u) {
+void CoarseSpace::assemble(const SupportTable& supports, const IntegrationPoints& points, const std::vector<Vec3d>& u) {
   Grid& g = *grid_;
   if (g.used.empty()) return;
   // Points by spline cell, so that each cell's block is summed by one thread in a fixed order.
@@ -192,8 +189,8 @@ void CoarseSpace<Real>::assemble(const SupportTable& supports, const Integration
       const std::size_t slot = std::size_t(supports.base[p] + supports.offset[std::size_t(s)]);
       const Vec3d& grad = supports.gradient[std::size_t(s)];
       for (int i = 0; i < 3; ++i) {
-        for (int k = 0; k < 3; ++k) F[i][k] += float(u.at(slot, i)) * float(grad[k]);
-        if (g.active->at(slot, i) == 0) {
+        for (int k = 0; k < 3; ++k) F[i][k] += float(u[slot][i]) * float(grad[k]);
+        if (!g.is_active(slot, i)) {
           all_active = false;
           continue;
         }
@@ -271,26 +268,25 @@ void CoarseSpace<Real>::assemble(const SupportTable& supports, const Integration
 }
 
 template <class Real>
-void CoarseSpace<Real>::add_correction(const NodalField<Real>& f, NodalField<Real>& out) const {
+void CoarseSpace::add_correction(const NodalField<Real>& f, NodalField<Real>& out) const {
   const Grid& g = *grid_;
   if (g.used.empty()) return;
-  using Quad = typename Grid::Quad;
+  using Quad = typename LaneTraits<Real>::Quad;
   const std::size_t functions = std::size_t(g.function_count());
   const std::size_t pieces = (g.nodes.size() + node_piece - 1) / node_piece;
   const Real *fx = f.component(0), *fy = f.component(1), *fz = f.component(2);
-  const Real *ax = g.active->component(0), *ay = g.active->component(1), *az = g.active->component(2);
   std::vector<std::vector<Quad>> part(pieces);
   parallel_pieces(g.nodes.size(), node_piece, [&](std::size_t begin, std::size_t end) {
     std::vector<Quad>& sum = part[begin / node_piece];
     sum.assign(functions, Quad{});
     for (std::size_t n = begin; n < end; ++n) {
       const auto& node = g.nodes[n];
-      const Quad force{ax[node.slot] * fx[node.slot], ay[node.slot] * fy[node.slot], az[node.slot] * fz[node.slot], Real(0)};
+      const Quad force{node.active[0] * fx[node.slot], node.active[1] * fy[node.slot], node.active[2] * fz[node.slot], Real(0)};
       for (int k = 0; k < 3; ++k)
         for (int j = 0; j < 3; ++j) {
-          const Quad row = force * (node.w[6 + k] * node.w[3 + j]);
+          const Quad row = force * Real(node.weight[6 + k] * node.weight[3 + j]);
           Quad* to = sum.data() + node.first + g.stride_z() * k + g.stride_y() * j;
-          for (int i = 0; i < 3; ++i) to[i] += row * node.w[i];
+          for (int i = 0; i < 3; ++i) to[i] += row * Real(node.weight[i]);
         }
     }
   });
@@ -315,14 +311,14 @@ void CoarseSpace<Real>::add_correction(const NodalField<Real>& f, NodalField<Rea
       for (int k = 0; k < 3; ++k)
         for (int j = 0; j < 3; ++j) {
           const Quad* from = coarse.data() + node.first + g.stride_z() * k + g.stride_y() * j;
-          sum += (from[0] * node.w[0] + from[1] * node.w[1] + from[2] * node.w[2]) * (node.w[6 + k] * node.w[3 + j]);
+          sum += (from[0] * Real(node.weight[0]) + from[1] * Real(node.weight[1]) + from[2] * Real(node.weight[2])) * Real(node.weight[6 + k] * node.weight[3 + j]);
         }
-      gx[node.slot] += ax[node.slot] * sum[0], gy[node.slot] += ay[node.slot] * sum[1], gz[node.slot] += az[node.slot] * sum[2];
+      gx[node.slot] += node.active[0] * sum[0], gy[node.slot] += node.active[1] * sum[1], gz[node.slot] += node.active[2] * sum[2];
     }
   });
 }
 
-template class CoarseSpace<float>;
-template class CoarseSpace<double>;
+template void CoarseSpace::add_correction(const NodalField<float>&, NodalField<float>&) const;
+template void CoarseSpace::add_correction(const NodalField<double>&, NodalField<double>&) const;
 
 }  // namespace mtled

@@ -22,8 +22,7 @@ std::vector<ShapeFunctions> shapes_at_prescribed_nodes(const Approximation& fiel
 }
 
 /// The prescribed values of one displacement component.
-template <class Real>
-struct ConstraintOperator<Real>::Component {
+struct ConstraintOperator::Component {
   std::vector<int> row;                 ///< [n] index into Constraints
   std::vector<int> slot;                ///< [n]
   std::vector<double> value;            ///< [n] [mm]
@@ -32,9 +31,11 @@ struct ConstraintOperator<Real>::Component {
   std::vector<double> free_value;
   Eigen::SparseLU<Eigen::SparseMatrix<double>> factor, factor_transposed;
 
-  Eigen::VectorXd multipliers(const Real* f) const {
+  /// `f`: force at a slot
+  template <class Force>
+  Eigen::VectorXd multipliers(const Force& f) const {
     Eigen::VectorXd fb(Eigen::Index(slot.size()));
-    for (std::size_t b = 0; b < slot.size(); ++b) fb[Eigen::Index(b)] = f[slot[b]];
+    for (std::size_t b = 0; b < slot.size(); ++b) fb[Eigen::Index(b)] = f(slot[b]);
     return direct ? fb : Eigen::VectorXd(factor_transposed.solve(fb));
   }
 
@@ -57,8 +58,7 @@ struct ConstraintOperator<Real>::Component {
   }
 };
 
-template <class Real>
-ConstraintOperator<Real>::ConstraintOperator(const Approximation& field, const SlotLayout& layout, const Constraints& constraints)
+ConstraintOperator::ConstraintOperator(const Approximation& field, const SlotLayout& layout, const Constraints& constraints)
     : constraints_(&constraints) {
   const std::size_t n = constraints.node.size();
   const std::vector<ShapeFunctions> shapes = shapes_at_prescribed_nodes(field, constraints);
@@ -107,11 +107,10 @@ ConstraintOperator<Real>::ConstraintOperator(const Approximation& field, const S
   }
 }
 
-template <class Real>
-ConstraintOperator<Real>::~ConstraintOperator() = default;
+ConstraintOperator::~ConstraintOperator() = default;
 
 template <class Real>
-void ConstraintOperator<Real>::impose(NodalField<Real>& u, double load) const {
+void ConstraintOperator::impose(NodalField<Real>& u, double load) const {
   for (int c = 0; c < 3; ++c) {
     const Component& k = *component_[std::size_t(c)];
     Real* to = u.component(c);
@@ -131,12 +130,12 @@ void ConstraintOperator<Real>::impose(NodalField<Real>& u, double load) const {
 }
 
 template <class Real>
-void ConstraintOperator<Real>::reduce(NodalField<Real>& f) const {
+void ConstraintOperator::reduce(NodalField<Real>& f) const {
   for (int c = 0; c < 3; ++c) {
     const Component& k = *component_[std::size_t(c)];
     Real* to = f.component(c);
     if (!k.direct) {
-      const Eigen::VectorXd lambda = k.multipliers(to);
+      const Eigen::VectorXd lambda = k.multipliers([&](int slot) { return double(to[slot]); });
       for (std::size_t b = 0; b < k.slot.size(); ++b)
         for (int s = k.begin[b]; s < k.begin[b + 1]; ++s)
           to[k.free_slot[std::size_t(s)]] -= Real(k.free_value[std::size_t(s)] * lambda[Eigen::Index(b)]);
@@ -145,25 +144,22 @@ void ConstraintOperator<Real>::reduce(NodalField<Real>& f) const {
   }
 }
 
-template <class Real>
-std::vector<Vec3d> ConstraintOperator<Real>::reactions(const NodalField<Real>& internal) const {
+std::vector<Vec3d> ConstraintOperator::reactions(const std::vector<Vec3d>& internal) const {
   std::vector<Vec3d> reaction(constraints_->node.size());
   for (int c = 0; c < 3; ++c) {
     const Component& k = *component_[std::size_t(c)];
     if (k.slot.empty()) continue;
-    const Eigen::VectorXd lambda = k.multipliers(internal.component(c));
+    const Eigen::VectorXd lambda = k.multipliers([&](int slot) { return internal[std::size_t(slot)][c]; });
     for (std::size_t b = 0; b < k.slot.size(); ++b) reaction[std::size_t(k.row[b])][c] = lambda[Eigen::Index(b)];
   }
   return reaction;
 }
 
-template <class Real>
-bool ConstraintOperator<Real>::direct() const {
+bool ConstraintOperator::direct() const {
   return component_[0]->direct && component_[1]->direct && component_[2]->direct;
 }
 
-template <class Real>
-void ConstraintOperator<Real>::each_dependent(bool neighbours, const std::function<void(int, int)>& body) const {
+void ConstraintOperator::each_dependent(bool neighbours, const std::function<void(int, int)>& body) const {
   for (int c = 0; c < 3; ++c) {
     const Component& k = *component_[std::size_t(c)];
     for (int slot : k.slot) body(slot, c);
@@ -172,7 +168,9 @@ void ConstraintOperator<Real>::each_dependent(bool neighbours, const std::functi
   }
 }
 
-template class ConstraintOperator<float>;
-template class ConstraintOperator<double>;
+template void ConstraintOperator::impose(NodalField<float>&, double) const;
+template void ConstraintOperator::impose(NodalField<double>&, double) const;
+template void ConstraintOperator::reduce(NodalField<float>&) const;
+template void ConstraintOperator::reduce(NodalField<double>&) const;
 
 }  // namespace mtled

@@ -20,7 +20,6 @@ std::vector<ShapeFunctions> shapes_at_prescribed_nodes(const Approximation& fiel
 /// free ones (Phi_BB is the identity on a coupled lattice, sparse and factorised otherwise), and internal forces are
 /// reduced to the free parameters, f_F - Phi_BF^T Phi_BB^-T f_B. This is the collocation form of the correction of
 /// essential boundary conditions by Joldes, Chowdhury, Wittek and Miller 2017, solved for the parameters.
-template <class Real>
 class ConstraintOperator {
  public:
   /// Input error when the prescribed nodes' shape functions cannot be inverted, or not without magnifying rounding too much.
@@ -28,11 +27,13 @@ class ConstraintOperator {
   ~ConstraintOperator();
 
   /// Sets the prescribed parameters for `load` (0..1) times the prescribed displacement.
+  template <class Real>
   void impose(NodalField<Real>& u, double load) const;
   /// Reduces a force to the free parameters; prescribed entries become zero.
+  template <class Real>
   void reduce(NodalField<Real>& f) const;
-  /// Force of each constraint on the body [mN], in the order of Constraints::node, from the unreduced internal force.
-  std::vector<Vec3d> reactions(const NodalField<Real>& internal) const;
+  /// Force of each constraint on the body [mN], in the order of Constraints::node, from the unreduced internal force [num_slots].
+  std::vector<Vec3d> reactions(const std::vector<Vec3d>& internal) const;
   /// Whether every prescribed node is interpolated by the shape functions (a coupled lattice).
   bool direct() const;
   /// Calls body(slot, component) for the prescribed parameters, and, when `neighbours`, for those they depend on.

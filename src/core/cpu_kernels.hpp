@@ -2,6 +2,7 @@
 #include <cstddef>
 
 #include "core/material_model.hpp"
+#include "core/volume_ratio.hpp"
 
 namespace mtled {
 
@@ -48,12 +49,6 @@ struct MemoryView {
   Real instantaneous[2];            ///< isochoric, volumetric
   Real gain[most_terms][2];         ///< isochoric, volumetric
   Real decay[most_terms];
-};
-
-/// Smallest J and number of points with J <= 0 met by a kernel.
-struct VolumeRatioStatistics {
-  double smallest = 1e30;
-  long inverted = 0;
 };
 
 /// The kernels of one material. All add to `f`; a range writes only the slots its points support.

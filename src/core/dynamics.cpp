@@ -7,6 +7,9 @@
 
 #include "core/constraint_projection.hpp"
 #include "core/error.hpp"
+#include "core/cpu_forces.hpp"
+#include "core/discrete_model.hpp"
+#include "core/nodal_pressure.hpp"
 #include "core/relaxation.hpp"
 
 namespace mtled {
@@ -70,27 +73,49 @@ std::vector<SpringSet> split_springs(const Springs& springs, const SlotLayout& l
   return sets;
 }
 
+/// Largest eigenvalue of P K by power iteration, see largest_eigenvalue() in relaxation.cpp. `stiffness`: f = K v; `inverse`:
+/// g = P f, P symmetric. `v`: the start vector, and the eigenvector on return.
+template <class Stiffness, class Inverse>
+double power_iteration(const Stiffness& stiffness, const Inverse& inverse, int iterations, Field& v) {
+  Field f(v.slots()), g(v.slots());
+  double lambda = 0;
+  for (int i = 0; i < iterations; ++i) {
+    stiffness(v, f);
+    inverse(f, g);
+    const double vf = dot(v, f), gf = dot(g, f), gg = dot(g, g);
+    if (!(gg > 0) || !std::isfinite(gg)) fail(Failure::numerical, "the stiffness of the body could not be estimated: it is zero or not finite");
+    if (vf > 0) lambda = gf / vf;
+    each_parameter(v.slots(), [&](int c, std::size_t s) { v.at(s, c) = g.at(s, c) / std::sqrt(gg); });
+  }
+  return lambda;
+}
+
 /// Largest stable step at rest, 2 / omega_max: power iteration on M^-1 K until it gains less than 1e-4 in 20 iterations.
 /// `forces`: those of the moduli at once, the stiffest that a viscoelastic body has.
-double stable_step(const SlotModel<double>& model, const CpuForces<double>& forces, const std::vector<SpringSet>& springs, const ConstraintProjection& projection, std::size_t prescribed,
+double stable_step(const CpuForces<double>& forces, const NodalPressure<double>* nodal_pressure, const std::vector<SpringSet>& springs, const ConstraintProjection& projection, std::size_t prescribed,
                    const std::vector<double>& inverse_mass) {
-  const Field rest(model.position.size());
+  const Field rest(inverse_mass.size());
   const std::vector<Vec3d> held(prescribed);
   const auto stiffness = [&](Field& v, Field& f) {
     forces.tangent(rest, v, f);
-    if (model.nodal_pressure) model.nodal_pressure->add_tangent(rest, v, f);
+    if (nodal_pressure) nodal_pressure->add_tangent(rest, v, f);
     for (const SpringSet& s : springs) s.forces.add_tangent(v, f);
   };
   const auto inverse = [&](const Field& f, Field& g) {
     each_parameter(g.slots(), [&](int c, std::size_t s) { g.at(s, c) = inverse_mass[s] * f.at(s, c); });
     projection.project(rest, held, g);
   };
-  Field v = rough_vector(model);
+  std::vector<std::uint8_t> active;
+  for (int c = 0; c < 3; ++c)
+    for (double m : inverse_mass) active.push_back(m > 0);
+  Field v(inverse_mass.size());
+  const std::vector<Vec3d> rough = rough_vector(active);
+  each_parameter(rough.size(), [&](int c, std::size_t s) { v.at(s, c) = rough[s][c]; });
   projection.project(rest, held, v);
   constexpr int most_iterations = 600;
   double lambda = 0;
   for (int i = 0; i < most_iterations; i += 20) {
-    const double next = power_iteration<double>(stiffness, inverse, 20, v);
+    const double next = power_iteration(stiffness, inverse, 20, v);
     const bool settled = next - lambda < 1e-4 * next;
     lambda = next;
     if (settled) break;
@@ -109,8 +134,10 @@ DynamicsResult run_dynamics(const Approximation& field, IntegrationPoints points
   const std::map<std::string, History> histories = complete_histories(constraints, springs, loads, options);
   DynamicsResult result;
 
-  SlotModel<double> model = build_base_model<double>(field, points);
-  const std::size_t slots = model.position.size(), nodes = field.cloud().size(), prescribed = constraints.node.size();
+  DiscreteModel model = make_discrete_model(field, points);
+  CpuForces<double> forces(model.supports, model.layout, points);
+  const std::unique_ptr<NodalPressure<double>> nodal_pressure = field.averages_pressure() ? std::make_unique<NodalPressure<double>>(model.supports, points) : nullptr;
+  const std::size_t slots = model.slots(), nodes = field.cloud().size(), prescribed = constraints.node.size();
   const std::vector<int>& slot_of = model.layout.slot_of_node;
   result.points = points.size(), result.stencils = std::size_t(model.supports.num_stencils());
   result.enlarged_supports = model.supports.enlarged, result.dropped_points = model.supports.dropped.size();
@@ -119,7 +146,6 @@ DynamicsResult run_dynamics(const Approximation& field, IntegrationPoints points
   model.points = &faded;  // whose energy is the strain energy
   const std::vector<double> nodal_mass = lumped_mass(field, points);
   std::vector<double> mass(slots, 0.0), inverse_mass(slots, 0.0);
-  model.active = Field(slots);
   result.smallest_nodal_mass = 1e300;
   for (std::size_t n = 0; n < nodes; ++n) {
     const double m = nodal_mass[n];
@@ -134,7 +160,6 @@ DynamicsResult run_dynamics(const Approximation& field, IntegrationPoints points
     result.smallest_nodal_mass = std::min(result.smallest_nodal_mass, m);
     const std::size_t s = std::size_t(slot_of[n]);
     mass[s] = m, inverse_mass[s] = 1 / m;
-    for (int c = 0; c < 3; ++c) model.active.at(s, c) = 1;
   }
   const ConstraintProjection projection(field, model.layout, constraints, inverse_mass);
   const std::vector<SpringSet> spring_sets = split_springs(springs, model.layout, histories);
@@ -154,7 +179,7 @@ DynamicsResult run_dynamics(const Approximation& field, IntegrationPoints points
 
   IntegrationPoints at_once = points;
   at_once.prony.clear();
-  result.stable_time_step = stable_step(model, CpuForces<double>(model.supports, model.layout, at_once), spring_sets, projection, prescribed, inverse_mass);
+  result.stable_time_step = stable_step(CpuForces<double>(model.supports, model.layout, at_once), nodal_pressure.get(), spring_sets, projection, prescribed, inverse_mass);
   require(options.time_step <= result.stable_time_step, "the time step of ", options.time_step, " s is not stable; this body needs one below ", result.stable_time_step,
           " s (its stiffest and lightest part decides): give a shorter one, or none");
   const double wanted = options.time_step > 0 ? options.time_step : options.safety * result.stable_time_step;
@@ -181,8 +206,8 @@ DynamicsResult run_dynamics(const Approximation& field, IntegrationPoints points
       const double factor = history->at(t);
       each_parameter(slots, [&](int c, std::size_t s) { R.at(s, c) += factor * force.at(s, c); });
     }
-    model.forces->force_in_time(u, n == 0 ? 0 : dt, f);
-    if (model.nodal_pressure) model.nodal_pressure->add_force(u, f);
+    forces.force_in_time(u, n == 0 ? 0 : dt, f);
+    if (nodal_pressure) nodal_pressure->add_force(u, f);
     for (const SpringSet& s : spring_sets) s.forces.add_force(u, s.load(t), f);
     each_parameter(slots, [&](int c, std::size_t s) { next.at(s, c) = keep * d.at(s, c) + push * inverse_mass[s] * (R.at(s, c) - f.at(s, c)); });
     std::vector<Vec3d> next_value = prescribed_at(t + dt);
@@ -229,10 +254,10 @@ DynamicsResult run_dynamics(const Approximation& field, IntegrationPoints points
            " s is no longer stable, or points have turned inside out; give a smaller dynamics.safety or time_step_s, or drive the body less");
 
     if (n % int(every) == 0) {
-      Solution state;
-      Vec3d worst;
-      measure_state(model, u, state, worst);
-      if (model.nodal_pressure) state.strain_energy += model.nodal_pressure->energy(u);
+      std::vector<Vec3d> values(slots);
+      each_parameter(slots, [&](int c, std::size_t s) { values[s][c] = u.at(s, c); });
+      StateOfPoints state = measure_points(model, values);
+      if (nodal_pressure) state.strain_energy += nodal_pressure->energy(u);
       entry.step = n, entry.time = t, entry.strain = state.strain_energy, entry.smallest_volume_ratio = state.smallest_volume_ratio;
       entry.springs = 0;
       entry.reactions.clear();

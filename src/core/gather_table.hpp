@@ -17,9 +17,11 @@ struct alignas(4 * sizeof(Real)) GatherEntry {
 
 /// Rows of gathers laid out for wide machines: thread t computes one row, and 32 threads in a row (a warp) read memory side by side.
 ///  - Threads [0, shared_threads) have a stencil that other rows have, too: their entries are relative to `base`, are stored
-///    once, and neighbouring threads read the same ones. Rows with the same stencil follow each other, by rising base.
+///    once, and neighbouring threads read the same ones. Within a region of slots, rows with the same stencil follow each
+///    other, by rising base.
 ///  - Later threads have entries of their own, in slices of 32 rows stored entry by entry: thread t reads
-///    own[slice_begin[s] + 32 * e + t % 32], s = (t - shared_threads) / 32, index absolute. Short rows end with zero gradients.
+///    own[slice_begin[s] + 32 * e + t % 32], s = (t - shared_threads) / 32, index absolute. Short rows end with
+///    zero gradients at their last index.
 /// Idle threads (the end of either part) have row -1 and no terms.
 /// Pass one gathers nodal displacements into points, pass two stresses into nodes: both are such tables.
 template <class Real>
@@ -68,6 +70,7 @@ struct GatherTable {
 /// Both passes of a model. Points are kept at places: on a lattice, points with the same shared stencil lie as in the slot
 /// layout (place = first of the stencil + plane / period * blocks + block), so that a step of the lattice is the same
 /// difference of places everywhere, and the nodes' rows repeat as the points' do. Other points follow by rising slot.
+/// Gradients are rounded to Real; entries of a row rise by index.
 template <class Real>
 struct GatherTables {
   GatherTable<Real> of_points;           ///< rows: places; indices: slots

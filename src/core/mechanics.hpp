@@ -1,11 +1,10 @@
 #pragma once
-#include <functional>
 #include <memory>
-#include <string>
 #include <vector>
 
 #include "core/discrete_model.hpp"
 #include "core/step_control.hpp"
+#include "core/volume_ratio.hpp"
 
 namespace mtled {
 
@@ -14,12 +13,6 @@ struct Vector {
   virtual ~Vector() = default;
 };
 using VectorPointer = std::unique_ptr<Vector>;
-
-/// Smallest J = det F, and the number of points with J <= 0.
-struct VolumeRatioStatistics {
-  double smallest = 1e30;
-  long inverted = 0;
-};
 
 /// What relaxation and the linear-elastic start need of a discrete model, computed by a backend: forces, their tangent, the
 /// preconditioner, constraints and sums. All calls give the same bits in every run. Vectors start at zero.
@@ -58,7 +51,8 @@ class Mechanics {
   /// Up to `count` steps of the heavy-ball iteration, fewer when `control` stops them:
   ///   increment = rho^2 increment - (1 + rho)^2 / lambda P f(u),  u += increment,  change += increment.
   /// The increment is kept apart from u because in single precision the difference of two u would lose it. The load of each
-  /// step, and whether it is imposed, follow from `control`. One entry per step done is appended to `steps`.
+  /// step follows from `control`; prescribed parameters are imposed before a step up to control.ramp, and before every step
+  /// where they depend on free ones.
   virtual void steps(int count, const StepSizes& sizes, StepControl& control, Vector& u, Vector& increment, Vector& change) = 0;
 
   /// Strain energy [mN mm] without springs, in double sums.
@@ -69,9 +63,5 @@ class Mechanics {
   virtual int coarse_unknowns() const = 0;  ///< 0: diagonal preconditioner only
   virtual double bytes() const = 0;         ///< of tables and state, with the working vectors of the relaxation
 };
-
-/// Makes the mechanics of a model on some device. The model outlives the mechanics.
-using MakeMechanics = std::function<std::unique_ptr<Mechanics>(const DiscreteModel& model, const SolverOptions& options)>;
-std::unique_ptr<Mechanics> make_cpu_mechanics(const DiscreteModel& model, const SolverOptions& options);
 
 }  // namespace mtled

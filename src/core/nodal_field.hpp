@@ -39,4 +39,22 @@ class NodalField {
   std::unique_ptr<Real[], decltype(&std::free)> data_{nullptr, &std::free};
 };
 
+/// Sum of products, in double; the same bits for any number of threads.
+template <class Real>
+double dot(const NodalField<Real>& a, const NodalField<Real>& b) {
+  return parallel_sum(a.slots(), [&](std::size_t begin, std::size_t end) {
+    double sum = 0;
+    for (int c = 0; c < 3; ++c) {
+      const Real *x = a.component(c), *y = b.component(c);
+      double part[8] = {};
+      std::size_t s = begin;
+      for (; s + 8 <= end; s += 8)
+        for (std::size_t l = 0; l < 8; ++l) part[l] += double(x[s + l]) * double(y[s + l]);
+      for (; s < end; ++s) part[0] += double(x[s]) * double(y[s]);
+      for (double p : part) sum += p;
+    }
+    return sum;
+  });
+}
+
 }  // namespace mtled

@@ -66,13 +66,19 @@ struct Solution {
   std::vector<HistoryEntry> history;
 };
 
+class Mechanics;
+struct DiscreteModel;
+/// Makes the mechanics of a model on some device (core/mechanics.hpp); empty: make_cpu_mechanics. The model outlives the mechanics.
+using MakeMechanics = std::function<std::unique_ptr<Mechanics>(const DiscreteModel& model, const SolverOptions& options)>;
+std::unique_ptr<Mechanics> make_cpu_mechanics(const DiscreteModel& model, const SolverOptions& options);
+
 /// Static equilibrium of the body under prescribed displacements, springs and loads; of a viscoelastic body with its
 /// long-term moduli.
 /// Input errors: no constraints, too few to hold the body, or no free node; numerical errors: divergence, inverted points
 /// at the end (with position and remedy). Without convergence within max_steps the result says so and holds the state
 /// reached.
 Solution solve(const Approximation& field, IntegrationPoints points, const Constraints& constraints, const SolverOptions& options,
-               const Springs& springs = {}, const Loads& loads = {});
+               const Springs& springs = {}, const Loads& loads = {}, const MakeMechanics& make_mechanics = {});
 
 /// u(x) of a solution [mm]; false where the cloud has no usable support.
 bool displacement_at(const Approximation& field, const std::vector<Vec3d>& parameter, const Vec3d& x, Vec3d& u);

@@ -12,6 +12,18 @@ void Springs::add(const std::vector<int>& nodes, const std::vector<double>& coef
   stiffness.push_back(k), target.push_back(to), set.push_back(in_set);
 }
 
+Springs springs_on(const SpringPlaces& places, const Approximation& field, Springs springs) {
+  std::vector<ShapeFunctions> shapes(places.size());
+  parallel_for(shapes.size(), [&](std::size_t p) {
+    if (!field.at(places.position[p], shapes[p])) shapes[p].clear();
+  }, 256);
+  const int first_set = int(springs.set_names.size());
+  springs.set_names.insert(springs.set_names.end(), places.set_names.begin(), places.set_names.end());
+  for (std::size_t p = 0; p < shapes.size(); ++p)
+    if (!shapes[p].node.empty()) springs.add(shapes[p].node, shapes[p].value, places.stiffness[p], places.displacement[p], first_set + places.set[p]);
+  return springs;
+}
+
 template <class Real>
 SpringForces<Real>::SpringForces(const Springs& springs, const SlotLayout& layout)
     : begin_(springs.begin), coefficient_(springs.coefficient.begin(), springs.coefficient.end()),

@@ -25,6 +25,19 @@ struct Springs {
   void add(const std::vector<int>& nodes, const std::vector<double>& coefficients, double k, const Vec3d& to, int in_set);
 };
 
+/// Places of the body, each held or pulled by a spring.
+struct SpringPlaces {
+  std::vector<Vec3d> position;        ///< [n] at rest [mm]
+  std::vector<Vec3d> displacement;    ///< [n] at which the spring is slack [mm]
+  std::vector<double> stiffness;      ///< [n] > 0 [mN/mm]
+  std::vector<int> set;               ///< [n] index into set_names
+  std::vector<std::string> set_names;
+  std::size_t size() const { return position.size(); }
+};
+/// `springs`, followed by those of the places on the field's parameters, with the shape functions there as coefficients;
+/// places where there are none are left out.
+Springs springs_on(const SpringPlaces& places, const Approximation& field, Springs springs = {});
+
 /// Their forces in slots; multi-threaded, with the same bits for any number of threads.
 template <class Real>
 class SpringForces {

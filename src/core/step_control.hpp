@@ -9,7 +9,7 @@ struct StepSizes {
   double lambda = 1;    ///< largest eigenvalue of P K
 };
 
-/// Decides after every step whether to go on, on the device that does the steps, so that many can be done without asking the host. 
+/// Decides after every step whether to go on, on the device that does the steps, so that many can be done without asking the host.
 /// Steps are numbered from 0; one is done when `step` is its number plus one.
 struct StepControl {
   enum Verdict { going, calm, impatient, diverged };
@@ -17,7 +17,6 @@ struct StepControl {
 
   // Settings.
   int ramp = 0;               ///< steps over which the load rises; 0: it is there from the start
-  bool impose_always = false; ///< prescribed parameters depend on free ones: impose them in every step, not only up to `ramp`
   double factor = 1;          ///< of the largest increment: error estimate rho / (1 - rho), with a margin on rho
   double tolerance = 0.05;    ///< of the estimate [mm]
   int consecutive = 20;       ///< steps with an estimate below the tolerance, after which the verdict is calm
@@ -35,15 +34,12 @@ struct StepControl {
   double estimate = 0;        ///< of the error after the last step [mm]
   int verdict = going;
 
-  MTLED_HD void forget_increments() { remembered = 0; }
   /// Load of the step that comes next: a smooth rise without velocity and acceleration at both ends.
   MTLED_HD double load() const {
     if (step >= ramp) return 1;
     const double t = double(step + 1) / ramp;
     return t * t * t * (10 - 15 * t + 6 * t * t);
   }
-  /// Whether the prescribed parameters are imposed before the step that comes next.
-  MTLED_HD bool imposes() const { return impose_always || step <= ramp; }
 
   /// Books a step: its largest increment [mm] (NaN when it is not finite), and the points inside out before it.
   MTLED_HD void after_step(double largest_of_step, long inverted) {

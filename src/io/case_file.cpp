@@ -263,6 +263,46 @@ Constraints read_constraints(const std::filesystem::path& path, std::size_t num_
   return constraints;
 }
 
+SpringPlaces read_springs(const std::filesystem::path& path) {
+  const Table table = Table::read(path);
+  SpringPlaces springs;
+  const int x = table.column("x"), y = table.column("y"), z = table.column("z"), stiffness = table.column("stiffness");
+  const bool moves = table.has("ux") || table.has("uy") || table.has("uz");
+  const int ux = moves ? table.column("ux") : -1, uy = moves ? table.column("uy") : -1, uz = moves ? table.column("uz") : -1, set = table.has("set") ? table.column("set") : -1;
+  std::map<std::string, int> number;
+  for (std::size_t r = 0; r < table.rows(); ++r) {
+    springs.position.push_back({table.number(r, x), table.number(r, y), table.number(r, z)});
+    springs.displacement.push_back(moves ? Vec3d{table.number(r, ux), table.number(r, uy), table.number(r, uz)} : Vec3d{});
+    const double k = table.number(r, stiffness);
+    if (!(k > 0)) fail(Failure::input, table.place(r), ": stiffness is ", k, " mN/mm; it must be positive; remove the row if nothing holds this place");
+    springs.stiffness.push_back(k);
+    const std::string name = set < 0 ? "springs" : std::string(table.text(r, set));
+    springs.set.push_back(number.emplace(name, int(number.size())).first->second);
+    if (springs.set.back() == int(springs.set_names.size())) springs.set_names.push_back(name);
+  }
+  require(springs.size() > 0, path.string(), " has no rows; add some or leave it out");
+  return springs;
+}
+
+/// Marks the cells of the table in the lattice.
+void read_body_cells(const std::filesystem::path& path, Lattice& lattice) {
+  const Table table = Table::read(path);
+  const int column[3] = {table.column("i"), table.column("j"), table.column("k")};
+  lattice.body_cell.assign(lattice.node_at.size(), 0);
+  for (std::size_t r = 0; r < table.rows(); ++r) {
+    int cell[3];
+    for (int a = 0; a < 3; ++a) {
+      const double c = table.number(r, column[a]);
+      const int last = lattice.size[std::size_t(a)] - 2;
+      if (!(c == std::floor(c) && c >= 0 && c <= last))
+        fail(Failure::input, table.place(r), ": ", c, " is no cell of the lattice; along axis ", a, " they are numbered 0 to ", last, ", by their lowest corners");
+      cell[a] = int(c);
+    }
+    lattice.body_cell[lattice.offset(cell[0], cell[1], cell[2])] = 1;
+  }
+  require(table.rows() > 0, path.string(), " has no rows; add the cells that hold body or leave it out");
+}
+
 std::optional<Lattice> read_lattice(TomlSection& nodes, const std::string& file) {
   const toml::table* table = nodes.section("lattice");
   if (!table) return std::nullopt;
@@ -276,6 +316,14 @@ std::optional<Lattice> read_lattice(TomlSection& nodes, const std::string& file)
     lattice.origin[a] = *value;
   }
   lattice.spacing = positive_number(section, "spacing", 0.0);
+  if (const toml::array* size = section.array("size")) {
+    constexpr std::int64_t most = 1000000;
+    for (std::size_t a = 0; a < 3; ++a) {
+      const std::int64_t positions = size->size() == 3 && (*size)[a].is_integer() ? (*size)[a].value_or(std::int64_t(0)) : 0;
+      require(positions >= 2 && positions <= most, section.place("size"), " must be three whole numbers from 2 to ", most, ": the positions along each axis");
+      lattice.size[a] = int(positions);
+    }
+  }
   section.finish();
   return lattice;
 }
@@ -292,8 +340,13 @@ SolveCase read_case(const std::filesystem::path& path) {
   TomlSection nodes(root.section("nodes"), file, "nodes");
   const auto node_path = beside(nodes.required_text("file"));
   std::optional<Lattice> lattice = read_lattice(nodes, file);
-  nodes.finish();
+  const bool size_given = lattice && lattice->size[0] > 0;
   result.cloud = with_context("reading " + node_path.string(), [&] { return make_cloud(read_points(node_path), std::move(lattice)); });
+  if (nodes.has("body_cells")) {
+    require(size_given, nodes.place("body_cells"), " are numbered from the origin of a lattice with `size`; add size = [..., ..., ...] to nodes.lattice");
+    read_body_cells(beside(nodes.required_text("body_cells")), *result.cloud.lattice);
+  }
+  nodes.finish();
 
   TomlSection material(root.section("material"), file, "material");
   const MaterialDefaults defaults = read_material(material, file);
@@ -316,11 +369,14 @@ SolveCase read_case(const std::filesystem::path& path) {
     TomlSection points(root.section("points"), file, "points");
     result.points = read_integration_points(beside(points.required_text("file")), defaults, nullptr);
     result.align_points = points.value("align", true);
+    const std::string outside = points.value<std::string>("outside", "error");
+    require(outside == "error" || outside == "merge", points.place("outside"), " is '", outside, "'; choose error or merge");
+    result.merge_points_outside = outside == "merge";
     points.finish();
   }
 
   TomlSection constraints(root.section("constraints"), file, "constraints");
-  if (root.has("constraints") || !root.has("dynamics"))  // a body in motion need not be held
+  if (root.has("constraints") || !(root.has("springs") || root.has("dynamics")))  // springs can hold it, and a body in motion need not be held
     result.constraints = read_constraints(beside(constraints.required_text("file")), result.cloud.size());
   if (constraints.has("scheme")) {
     const std::string scheme = constraints.value<std::string>("scheme", "");
@@ -331,6 +387,10 @@ SolveCase read_case(const std::filesystem::path& path) {
     result.couple = scheme == "coupling";
   }
   constraints.finish();
+
+  TomlSection springs(root.section("springs"), file, "springs");
+  if (root.has("springs")) result.springs = read_springs(beside(springs.required_text("file")));
+  springs.finish();
 
   TomlSection probes(root.section("probes"), file, "probes");
   if (root.has("probes")) result.probes = read_points(beside(probes.required_text("file")));
@@ -386,10 +446,12 @@ SolveCase read_case(const std::filesystem::path& path) {
   return result;
 }
 
-Discretisation discretise(const SolveCase& problem) {
+namespace {
+
+Discretisation discretise_body(const SolveCase& problem) {
   if (problem.elements.size() == 0) {
     std::vector<std::uint8_t> prescribed;
-    if (problem.couple) {
+    if (problem.couple && !problem.constraints.node.empty()) {
       prescribed.resize(problem.cloud.size());
       for (int n : problem.constraints.node) prescribed[std::size_t(n)] = 1;
     }
@@ -399,6 +461,20 @@ Discretisation discretise(const SolveCase& problem) {
   Springs springs;
   if (problem.elements.corners == 8) springs = elements->hourglass_springs(problem.hourglass, problem.points);
   return {std::move(elements), std::move(springs)};
+}
+
+}  // namespace
+
+Discretisation discretise(const SolveCase& problem) {
+  Discretisation result = discretise_body(problem);
+  const std::size_t wanted = result.springs.size() + problem.springs.size();
+  result.springs = springs_on(problem.springs, *result.field, std::move(result.springs));
+  ShapeFunctions shapes;
+  for (std::size_t p = 0; result.springs.size() < wanted && p < problem.springs.size(); ++p) {
+    const Vec3d& x = problem.springs.position[p];
+    require(result.field->at(x, shapes), "the spring of row ", p, " at (", x.x, ", ", x.y, ", ", x.z, ") mm lies where there are no nodes; remove it or move it into the body");
+  }
+  return result;
 }
 
 }  // namespace mtled

@@ -16,7 +16,9 @@ struct SolveCase {
   Cloud cloud;
   IntegrationPoints points;    ///< one per element where there are elements
   bool align_points = true;    ///< with the lattice cells that touch prescribed nodes (core/coupled_integration.hpp)
+  bool merge_points_outside = false;  ///< points where there are no nodes give their volume to the nearest others; false: they are errors
   Constraints constraints;
+  SpringPlaces springs;        ///< may be empty
   bool couple = true;          ///< on a lattice: prescribed nodes with finite elements; false: collocation, as on other clouds
   std::vector<Vec3d> probes;   ///< may be empty
   MlsOptions shapes;           ///< where there are no elements
@@ -28,8 +30,8 @@ struct SolveCase {
   std::optional<DynamicsOptions> dynamics;  ///< absent: static equilibrium
 };
 
-/// What the case is discretised with: moving least squares or finite elements, and the springs that stabilise them.
-/// Refers to the case.
+/// What the case is discretised with: moving least squares or finite elements, the springs that stabilise them, and those
+/// of the case (input error: one at a place without shape functions). Refers to the case.
 struct Discretisation {
   std::unique_ptr<Approximation> field;
   Springs springs;
