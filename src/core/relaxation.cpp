@@ -31,8 +31,8 @@ void reduced_tangent(const Mechanics& mechanics, const Vector& state, Vector& v,
   mechanics.reduce(f);
 }
 
-/// Largest eigenvalue of P K(u) by power iteration, with Rayleigh quotients in the energy norm of K: a lower bound that is
-/// within a few percent after 20 iterations. `v` is the start vector and the eigenvector on return.
+}  // namespace
+
 double largest_eigenvalue(const Mechanics& mechanics, const Vector& u, int iterations, Vector& v) {
   const VectorPointer f = mechanics.vector(), g = mechanics.vector();
   double lambda = 0;
@@ -46,6 +46,8 @@ double largest_eigenvalue(const Mechanics& mechanics, const Vector& u, int itera
   }
   return lambda;
 }
+
+namespace {
 
 /// Rayleigh quotient of P K for the change of u over the last steps: an upper bound of the smallest eigenvalue. With the
 /// stiffness itself, not differences of forces, which drown in rounding when the slow modes are very slow.

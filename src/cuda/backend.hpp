@@ -31,5 +31,7 @@ CudaStatus cuda_status();
 /// The solver's mechanics on a device. Making them is a memory error where the model does not fit, with what it needs; an input
 /// error where it has what only the CPU computes (pressure averaged at nodes); a device error where the device fails.
 MakeMechanics cuda_mechanics(int ordinal);
+/// Bytes read and written per second by a copy of 1 GB within the device's memory [GB/s], the median of several.
+double cuda_copy_bandwidth(int ordinal);
 
 }  // namespace mtled

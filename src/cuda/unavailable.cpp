@@ -2,6 +2,7 @@
 #include "core/error.hpp"
 #include "core/mechanics.hpp"
 #include "cuda/backend.hpp"
+#include "cuda/field.hpp"
 
 namespace mtled {
 
@@ -12,11 +13,20 @@ CudaStatus cuda_status() {
   return status;
 }
 
-MakeMechanics cuda_mechanics(int) {
-  return [](const DiscreteModel&, const SolverOptions&) -> std::unique_ptr<Mechanics> {
-    const CudaStatus status = cuda_status();
-    fail(Failure::device, status.problem, "; ", status.remedy, ", or use --device cpu");
-  };
+namespace {
+
+[[noreturn]] void refuse() {
+  const CudaStatus status = cuda_status();
+  fail(Failure::device, status.problem, "; ", status.remedy, ", or use --device cpu");
 }
+
+}  // namespace
+
+MakeMechanics cuda_mechanics(int) {
+  return [](const DiscreteModel&, const SolverOptions&) -> std::unique_ptr<Mechanics> { refuse(); };
+}
+double cuda_copy_bandwidth(int) { refuse(); }
+std::unique_ptr<FieldBackend> cuda_field(int, const ShapeEvaluator&, const std::vector<Vec3d>&) { refuse(); }
+SampleDisplaced cuda_sampler(int) { refuse(); }
 
 }  // namespace mtled
