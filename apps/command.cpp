@@ -115,14 +115,17 @@ std::unique_ptr<ThreadLimit> start(const CommonOptions& common) {
 MakeMechanics on_device(const CommonOptions& common, DeviceChoice& used) {
   return [&common, &used](const DiscreteModel& model, const SolverOptions& options) {
     const DeviceRequest request = parse_device(common.device);
-    used = choose_device(request, request.kind == DeviceRequest::cpu ? CudaStatus() : cuda_status());
+    CudaStatus status = request.kind == DeviceRequest::cpu ? CudaStatus() : cuda_status();
     std::unique_ptr<Mechanics> mechanics;
-    if (!used.on_cpu()) {
+    for (used = choose_device(request, status); !used.on_cpu() && !mechanics; used = choose_device(request, status)) {
       try {
         mechanics = cuda_mechanics(used.ordinal)(model, options);
+        break;
       } catch (const Error& error) {
-        if (request.kind == DeviceRequest::cuda) throw;
-        used = {-1, used.description + ": " + error.what(), "cpu"};
+        const bool another = status.devices.size() > 1 && request.ordinal < 0;
+        if (!another && request.kind == DeviceRequest::cuda) throw;
+        for (DeviceDescription& d : status.devices)
+          if (d.ordinal == used.ordinal) d.unusable = error.what();
       }
     }
     if (!mechanics) mechanics = make_cpu_mechanics(model, options);

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <optional>
 
 #include "core/error.hpp"
 #include "cuda/field.hpp"
@@ -142,6 +143,23 @@ void print_summary(const Json& metrics, const std::filesystem::path& output) {
   std::printf("results in %s: warped.nii.gz, fixed_to_moving.h5 (for 3D Slicer and ITK), overlay.png, displacement.png, metrics.json, ...\n", output.string().c_str());
 }
 
+struct Fields {
+  DenseField forward, inverse;
+  InverseStatistics inverse_statistics;
+  Image warped;
+};
+/// `device`: null: the CPU.
+Fields fields_of(const RegisterOptions& options, const ImagePair& pair, const Deformation& deformation, FieldBackend* device, const SampleDisplaced& sampler, Stages& times) {
+  Fields fields;
+  fields.forward = forward_field(pair.moving.grid, deformation.function(), device);
+  times.lap("forward field");
+  fields.inverse = inverse_field(pair.fixed.grid, fields.forward, deformation.function(), inverse_tolerance_mm, fields.inverse_statistics, device);
+  times.lap("inverse field");
+  fields.warped = warp_image(pair.moving, fields.inverse.displacement, options.interpolation, float(options.outside), sampler);
+  times.lap("warp");
+  return fields;
+}
+
 void run(CLI::App& verb, RegisterOptions& options) {
   apply_config(verb, options);
   for (const char* name : {"--moving", "--fixed", "--moving-labels", "--output"}) require_option(verb, name);
@@ -168,18 +186,19 @@ void run(CLI::App& verb, RegisterOptions& options) {
   times.lap("mechanics");
 
   announce(options, "warping");
-  std::unique_ptr<FieldBackend> device;  // none: fields and warp on the CPU
-  SampleDisplaced sampler;
-  if (const DeviceChoice& solved = deformation.device(); !solved.on_cpu())
-    device = cuda_field(solved.ordinal, deformation.evaluator(), deformation.solution().parameter), sampler = cuda_sampler(solved.ordinal);
-  const DenseField forward = forward_field(pair.moving.grid, deformation.function(), device.get());
+  std::optional<Fields> fields;
+  if (const DeviceChoice& solved = deformation.device(); !solved.on_cpu()) {
+    try {
+      const std::unique_ptr<FieldBackend> device = cuda_field(solved.ordinal, deformation.evaluator(), deformation.solution().parameter);
+      fields = fields_of(options, pair, deformation, device.get(), cuda_sampler(solved.ordinal), times);
+    } catch (const Error& error) {
+      if (options.device != "auto") throw;
+      warn(concatenate("the GPU failed after the solution, the fields are computed on the CPU: ", error.what()));
+    }
+  }
+  if (!fields) fields = fields_of(options, pair, deformation, nullptr, {}, times);
+  const auto& [forward, inverse, inverse_statistics, warped] = *fields;
   report_deviations(tissue.body, forward.displacement, forward.covered, loads);
-  times.lap("forward field");
-  InverseStatistics inverse_statistics;
-  const DenseField inverse = inverse_field(pair.fixed.grid, forward, deformation.function(), inverse_tolerance_mm, inverse_statistics, device.get());
-  times.lap("inverse field");
-  const Image warped = warp_image(pair.moving, inverse.displacement, options.interpolation, float(options.outside), sampler);
-  times.lap("warp");
 
   Json metrics, manifest;
   manifest["program"] = "mtled " MTLED_VERSION;
@@ -195,7 +214,7 @@ void run(CLI::App& verb, RegisterOptions& options) {
   for (const char* key : {"converged", "steps", "error_estimate_mm", "smallest_volume_ratio"}) metrics["solver"][key] = manifest["solver"][key];
   metrics["jacobian"] = describe(jacobian_statistics(forward.displacement, forward.covered));
   metrics["inverse"] = {{"largest_residual_mm", inverse_statistics.largest_residual_mm}, {"covered_voxels", inverse_statistics.covered}, {"unresolved_voxels", inverse_statistics.unresolved}};
-  if (device) manifest["voxels_left_to_cpu"] = {{"forward", forward.undecided}, {"inverse", inverse.undecided}};
+  if (!deformation.device().on_cpu()) manifest["voxels_left_to_cpu"] = {{"forward", forward.undecided}, {"inverse", inverse.undecided}};
   if (metrics["jacobian"]["folded_voxels"].get<std::size_t>() > 0) warn("the deformation folds at some voxels (see metrics.json); results there are not to be trusted");
 
   announce(options, "writing");

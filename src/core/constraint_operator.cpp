@@ -168,6 +168,13 @@ void ConstraintOperator::each_dependent(bool neighbours, const std::function<voi
   }
 }
 
+double ConstraintOperator::inverse_entries() const {
+  double entries = 0;
+  for (const auto& k : component_)
+    if (!k->direct) entries += double(k->slot.size()) * double(k->slot.size());
+  return entries;
+}
+
 ConstraintTable ConstraintOperator::table(int component) const {
   const Component& k = *component_[std::size_t(component)];
   ConstraintTable table{k.slot, k.value, k.begin, k.free_slot, k.free_value, {}};

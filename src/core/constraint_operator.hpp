@@ -37,6 +37,8 @@ class ConstraintOperator {
   std::vector<Vec3d> reactions(const std::vector<Vec3d>& internal) const;
   /// Whether every prescribed node is interpolated by the shape functions (a coupled lattice).
   bool direct() const;
+  /// Entries of all matrices ConstraintTable::inverse.
+  double inverse_entries() const;
   /// Calls body(slot, component) for the prescribed parameters, and, when `neighbours`, for those they depend on.
   void each_dependent(bool neighbours, const std::function<void(int slot, int component)>& body) const;
   /// One displacement component as plain data, with the dense inverse of Phi_BB where it is needed.

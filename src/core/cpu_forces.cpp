@@ -163,7 +163,7 @@ VolumeRatioStatistics CpuForces<Real>::over_ranges(Kernel&& kernel) const {
   each_range(packs_->ranges.size(), [&](std::size_t r) { part[r] = kernel(packs_->ranges[r]); });
   VolumeRatioStatistics all;
   for (const auto& s : part) {
-    if (!(s.smallest >= all.smallest)) all.smallest = s.smallest;
+    if (!(s.smallest >= all.smallest) && !std::isnan(all.smallest)) all.smallest = s.smallest;
     all.inverted += s.inverted;
   }
   return all;

@@ -93,8 +93,10 @@ struct LatticeFieldView {
     static constexpr int most = 2 * longest_walk - 1, pitch = most + 2;
     std::uint64_t reached[most + 2];
     static MTLED_HD std::uint64_t bit(int i, int j) { return std::uint64_t(1) << (i + 1 + pitch * (j + 1)); }
-    /// Whether a corner (i, j, k) belongs to a cell that is reached.
+    int width;
+    /// Whether a corner (i, j, k) belongs to a cell that is reached. Rounding can take a node at exactly the radius, beside the cells.
     MTLED_HD bool holds(int i, int j, int k) const {
+      if (i < 0 || j < 0 || k < 0 || i > width || j > width || k > width) return false;
       const std::uint64_t corners = bit(-1, -1) | bit(0, -1) | bit(-1, 0) | bit(0, 0);
       return ((reached[k] | reached[k + 1]) >> (i + pitch * j)) & corners;
     }
@@ -150,6 +152,7 @@ struct LatticeFieldView {
           }
           if (flags_of(cell[0], cell[1], cell[2]) & body && squared * spacing * spacing < radius * radius) open[k + 1] |= Walk::bit(i, j);
         }
+    w.width = 2 * reach - 1;
     w.reached[reach] = Walk::bit(reach - 1, reach - 1);
     open[reach] |= w.reached[reach];
     for (bool grows = true; grows;) {

@@ -229,11 +229,13 @@ RelaxationResult relax(const DiscreteModel& model, Mechanics& mechanics, const S
   };
   while (control.step < options.max_steps) {
     const int n = control.step;
+    const bool sampled = n >= settle && (n - settle) % lag == 0;
+    if (!model.constraints->direct() && (n == deformed || sampled)) mechanics.impose(u, control.load());  // before K(u) is looked at
     if (n == deformed) {
       set_step(second_power, 1.2);
       if (!std::isnan(omega_squared)) sizes.rho = optimal_rho(omega_squared, sizes.lambda);
     }
-    if (n >= settle && (n - settle) % lag == 0) {
+    if (sampled) {
       if (n > settle) {
         const double sample = rayleigh_quotient(mechanics, two_level, u, *change);
         ++result.force_evaluations;

@@ -1,6 +1,7 @@
 #include "core/stencils.hpp"
 
 #include <algorithm>
+#include <limits>
 #include <numeric>
 #include <string>
 #include <unordered_map>
@@ -150,6 +151,9 @@ SupportTable build_supports(const Approximation& field, const SlotLayout& layout
   }
   compute_from(shared);
   for (const Support& s : supports) table.enlarged += s.enlarged;
+  std::size_t entries = 0;
+  for (const Support& s : supports) entries += s.offset.size();
+  require(entries < std::size_t(std::numeric_limits<int>::max()), "the supports have ", entries, " entries, more than can be numbered; use a lattice, a larger spacing, or smaller supports");
   table.begin.assign(1, 0);
   for (const Support& s : supports) {
     table.offset.insert(table.offset.end(), s.offset.begin(), s.offset.end());

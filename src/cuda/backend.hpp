@@ -25,7 +25,8 @@ struct CudaStatus {
   std::vector<DeviceDescription> devices;
 };
 
-/// Looks for devices and runs a small kernel on each, which takes about a second with a device. Never throws.
+/// Looks for devices and runs a small kernel on each, which takes about a second with a device; later calls repeat what the first
+/// one found. Never throws.
 CudaStatus cuda_status();
 
 /// The solver's mechanics on a device. Making them is a memory error where the model does not fit, with what it needs; an input

@@ -116,15 +116,17 @@ class CudaDevice {
     stream_.reset(stream);
     int device = 0;
     MTLED_CUDA(cudaGetDevice(&device));
-    cudaMemPool_t pool;
-    MTLED_CUDA(cudaDeviceGetDefaultMemPool(&pool, device));
+    MTLED_CUDA(cudaDeviceGetDefaultMemPool(&pool_, device));
     std::uint64_t keep_all = std::numeric_limits<std::uint64_t>::max();
-    MTLED_CUDA(cudaMemPoolSetAttribute(pool, cudaMemPoolAttrReleaseThreshold, &keep_all));
+    MTLED_CUDA(cudaMemPoolSetAttribute(pool_, cudaMemPoolAttrReleaseThreshold, &keep_all));
   }
   double free_bytes() const {
     std::size_t free_bytes = 0, total = 0;
     MTLED_CUDA(cudaMemGetInfo(&free_bytes, &total));
-    return double(free_bytes);
+    std::uint64_t reserved = 0, used = 0;  // what the pool keeps can be used again
+    MTLED_CUDA(cudaMemPoolGetAttribute(pool_, cudaMemPoolAttrReservedMemCurrent, &reserved));
+    MTLED_CUDA(cudaMemPoolGetAttribute(pool_, cudaMemPoolAttrUsedMemCurrent, &used));
+    return double(free_bytes) + double(reserved - used);
   }
 
   template <class Functor>
@@ -146,7 +148,10 @@ class CudaDevice {
     constexpr int repetitions = 10;
     if (count >= repetitions) {
       Graph& graph = graphs_[key];
-      if (!graph) graph = record(repetitions, body);
+      if (!graph) {
+        body(), --count;  // loads the kernels, which not every driver can do while it records
+        graph = record(repetitions, body);
+      }
       for (; count >= repetitions; count -= repetitions) MTLED_CUDA(cudaGraphLaunch(graph.get(), stream_.get()));
     }
     for (int i = 0; i < count; ++i) body();
@@ -183,6 +188,7 @@ class CudaDevice {
   }
 
   std::unique_ptr<std::remove_pointer_t<cudaStream_t>, DestroyStream> stream_;
+  cudaMemPool_t pool_ = nullptr;
   std::map<std::vector<const void*>, Graph> graphs_;
 };
 

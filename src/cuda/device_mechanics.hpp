@@ -116,7 +116,6 @@ class DeviceMechanics : public Mechanics {
     return reduced<Add>(point_blocks(), *energy_, 0.0, *sum_);
   }
   double largest_displacement(const Vector& x) const override {
-    if (!rows_) rows_ = std::make_unique<RowBuffers>(device_, field_at_watched_nodes(model_));
     device_.for_blocks(blocks_for(rows_->rows), LargestOfRows<Real>{rows_->rows, rows_->begin.data(), rows_->slot.data(), rows_->value.data(), values(x).data(), rows_->largest.data()});
     return double(reduced<Larger>(blocks_for(rows_->rows), rows_->largest, Real(0), *largest_of_all_));
   }
@@ -188,12 +187,14 @@ class DeviceMechanics : public Mechanics {
   template <class T>
   std::unique_ptr<Buffer<T>> on_device(const std::vector<T>& from) { return std::make_unique<Buffer<T>>(uploaded(device_, from)); }
 
-  /// Tables of both passes; of a viscoelastic body with its long-term moduli.
+  /// Tables of both passes, and the rows of the field; of a viscoelastic body with its long-term moduli.
   void make_points() {
     const IntegrationPoints faded = model_.points->viscoelastic() ? long_term(*model_.points) : IntegrationPoints{};
     const IntegrationPoints& points = model_.points->viscoelastic() ? faded : *model_.points;
     const GatherTables<Real> tables = make_gather_tables<Real>(model_.supports, model_.layout);
-    require_memory(tables);
+    const FieldRows rows = field_at_watched_nodes(model_);
+    require_memory(tables, rows);
+    rows_ = std::make_unique<RowBuffers>(device_, rows);
     of_points_ = std::make_unique<UploadedTable<Real, Device>>(device_, tables.of_points);
     of_nodes_ = std::make_unique<UploadedTable<Real, Device>>(device_, tables.of_nodes);
     seen_.assign(model_.slots(), 0);
@@ -214,16 +215,19 @@ class DeviceMechanics : public Mechanics {
     energy_ = buffer<double>(std::size_t(point_blocks()));
   }
   /// Counts what all of it will take, vectors of the relaxation included (most_vectors at a time), before anything is made.
-  void require_memory(const GatherTables<Real>& tables) {
-    constexpr double most_vectors = 12, own_vectors = 3, vec4 = sizeof(Vec4<Real>);
+  void require_memory(const GatherTables<Real>& tables, const FieldRows& rows) {
+    constexpr double constraint_matrices = 2, most_vectors = 12, own_vectors = 3, vec4 = sizeof(Vec4<Real>);
     const double slots = double(model_.slots()), unknowns = coarse_space_ ? double(coarse_space_->unknowns()) : 0, nodes = coarse_space_ ? double(coarse_space_->nodes().size()) : 0;
     const double of_slots = slots * ((most_vectors + own_vectors + (model_.external.empty() ? 0 : 1)) * vec4 + 1);
     const double of_points = double(tables.point.size()) * double(3 + further_parameters(model_.points->model)) * sizeof(Real) + 3 * vec4 * double(tables.places);
     const double of_tables = double(tables.of_points.bytes() + tables.of_nodes.bytes());
     const double of_coarse = unknowns * unknowns * sizeof(float) + nodes * (sizeof(CoarseNode<Real>) + 3 * sizeof(std::int32_t)) + slots * sizeof(std::int32_t) * (coarse_space_ ? 1 : 0);
     const double of_springs = double(model_.springs.node.size()) * 2 * (sizeof(Real) + sizeof(std::int32_t)) + double(model_.springs.size()) * 2 * vec4;
-    bytes_ = of_slots + of_points + of_tables + of_coarse + of_springs;
-    if (const double free_bytes = device_.free_bytes(); bytes_ > free_bytes)
+    const double of_constraints = constraint_matrices * model_.constraints->inverse_entries() * sizeof(Real);
+    const double of_rows = double(rows.slot.size()) * (sizeof(float) + sizeof(std::int32_t)) + double(rows.size()) * sizeof(std::uint32_t);
+    bytes_ = of_slots + of_points + of_tables + of_coarse + of_springs + of_constraints + of_rows;
+    constexpr double spare = 256e6, rounding = 1.02;  // code, stacks and graphs; of the allocator
+    if (const double free_bytes = device_.free_bytes(); rounding * bytes_ + spare > free_bytes)
       fail(Failure::memory, "the model needs ", bytes_ / 1e9, " GB on the GPU (", model_.field->cloud().size(), " nodes: ", bytes_ / double(model_.field->cloud().size()),
            " bytes per node, of which tables ", of_tables / 1e9, " GB), but only ", free_bytes / 1e9, " GB are free; use a larger node spacing, or --device cpu");
   }
@@ -339,7 +343,7 @@ class DeviceMechanics : public Mechanics {
   std::unique_ptr<ConstraintBuffers> constraints_;
   std::unique_ptr<CoarseSpace> coarse_space_;                         ///< null: diagonal preconditioner only
   std::unique_ptr<CoarseBuffers> coarse_;                             ///< null: no correction
-  mutable std::unique_ptr<RowBuffers> rows_;                          ///< made when first needed
+  std::unique_ptr<RowBuffers> rows_;
 };
 
 }  // namespace mtled

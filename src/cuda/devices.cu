@@ -66,20 +66,22 @@ DeviceDescription describe(int ordinal) {
   std::size_t free = 0, total = 0;
   if (error == cudaSuccess) error = cudaMemGetInfo(&free, &total);
   device.free_bytes = double(free);
-  int written = 0;
+  int written = 0, pools = 0;
+  if (error == cudaSuccess) error = cudaDeviceGetAttribute(&pools, cudaDevAttrMemoryPoolsSupported, ordinal);
   if (error == cudaSuccess) error = try_kernel(written);
   if (error != cudaSuccess) {
     device.unusable = why_unusable(error, device);
     (void)cudaGetLastError();  // the next device begins without it
   } else if (written != answer) {
     device.unusable = concatenate("a kernel wrote ", written, " instead of ", answer, "; its memory or its driver is defective");
+  } else if (!pools) {
+    device.unusable = "its driver has no memory pools; install a newer one, or give the virtual machine the whole GPU";
   }
+  cudaDeviceReset();  // leaves nothing of this program on devices that it will not use
   return device;
 }
 
-}  // namespace
-
-CudaStatus cuda_status() {
+CudaStatus look_for_devices() {
   CudaStatus status;
   status.built = true;
   status.architectures = architectures_text();
@@ -107,6 +109,13 @@ CudaStatus cuda_status() {
   for (int ordinal = 0; ordinal < count; ++ordinal) status.devices.push_back(describe(ordinal));
   cudaSetDevice(before);
   (void)cudaGetLastError();
+  return status;
+}
+
+}  // namespace
+
+CudaStatus cuda_status() {
+  static const CudaStatus status = look_for_devices();
   return status;
 }
 
