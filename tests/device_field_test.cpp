@@ -22,6 +22,7 @@ Vec3d strong(const Vec3d& X) { return {6 * std::sin(X.x / 12), 0.6 * X.x + 3 * s
 struct Scene {
   std::string name;
   MlsOptions options;
+  friend std::ostream& operator<<(std::ostream& out, const Scene& s) { return out << s.name; }
 };
 /// A box, whose cells are known or not; one with an empty layer of cells, but for its end; a ragged ball; a slab with a rod one cell thin,
 /// whose supports must be enlarged; a box that is coupled with finite elements.
