@@ -59,7 +59,7 @@ mkdir -p "$(dirname "$output")"
   echo "| kernel | registers | stack | spill stores | spill loads | shared memory |"
   echo "|---|---|---|---|---|---|"
   # shellcheck disable=SC2016
-  c++filt <<< "$rows" | sed 's/|/\\|/g; s/^\(.*\) \([0-9]*\) \([0-9]*\) \([0-9]*\) \([0-9]*\) \([0-9]*\)$/| `\1` | \2 | \3 | \4 | \5 | \6 |/'
+  c++filt --no-params <<< "$rows" | sed 's/mtled:://g; s/|/\\|/g; s/^\(.*\) \([0-9]*\) \([0-9]*\) \([0-9]*\) \([0-9]*\) \([0-9]*\)$/| `\1` | \2 | \3 | \4 | \5 | \6 |/'
 } > "$output.tmp"
 mv "$output.tmp" "$output"
 echo "written: $output ($(wc -l <<< "$rows") kernels)"
