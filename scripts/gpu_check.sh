@@ -5,14 +5,22 @@ root=$(cd "$(dirname "$0")/.." && pwd)
 
 usage() {
   cat <<'EOT'
-usage: scripts/gpu_check.sh [--output DIR] [--binaries DIR] [-DNAME=VALUE ...]
+usage: scripts/gpu_check.sh [--output DIR] [--binaries DIR] [--parts LIST] [--case DIR] [-DNAME=VALUE ...]
 
-Builds with the CMake preset `gpu` (no ITK needed), then runs the tests that need a GPU, the same under compute-sanitizer
-(memcheck, racecheck, initcheck; without the cases with "Large" in their name), and the benchmark step_perf. What ran, how
-long, and how it ended goes to DIR/gpu_check.json, the output of each step to DIR/NAME.log.
+The parts, one after the other:
+  build       with the CMake preset `gpu` (no ITK needed)
+  tests       the tests that need a GPU
+  case        solves a small case, made here, on the GPU and on the CPU: the displacement of no node may differ by 1e-3 mm or
+              more in double precision, and by 0.05 mm, the solver's usual tolerance, in single precision
+  memcheck, racecheck, initcheck    the tests under compute-sanitizer, without the cases with "Large" in their name
+  speed       the benchmark step_perf, on lattices and on a general cloud
+What ran, how long, and how it ended goes to DIR/gpu_check.json after every step, the output of each step to DIR/NAME.log.
 
   --output DIR     default: output/gpu_check
-  --binaries DIR   use the programs in DIR (such as build/bin of another machine) instead of building
+  --binaries DIR   use the programs in DIR (such as build/bin of another machine) instead of building; shared libraries that
+                   this machine lacks (ldd DIR/mtled; libtbb.so.12, libtomlplusplus.so.3 most likely) may lie there
+  --parts LIST     only these, with commas between them, such as build,tests: for machines that limit a command's time
+  --case DIR       solve DIR/case.toml (such as `mtled register --export-case` writes) instead of the small case
   -DNAME=VALUE     passed to CMake, such as -DCMAKE_CUDA_ARCHITECTURES=native for other GPUs than Hopper
 
 Environment: MTLED_STEP_SECONDS, the longest time of one step (600).
@@ -21,12 +29,25 @@ tested, and that the tests say that they are skipped.
 EOT
 }
 
-output=$root/output/gpu_check binaries="" cmake_arguments=()
+output=$root/output/gpu_check binaries="" case="" parts=build,tests,case,memcheck,racecheck,initcheck,speed cmake_arguments=()
 while [[ $# -gt 0 ]]; do
   case "$1" in
     -h|--help) usage; exit 0 ;;
     --output) output=${2:?--output needs a folder}; shift ;;
     --binaries) binaries=$(cd "${2:?--binaries needs a folder}" && pwd); shift ;;
+    --parts)
+      parts=${2:?--parts needs a list}
+      for part in ${parts//,/ }; do
+        case "$part" in
+          build|tests|case|memcheck|racecheck|initcheck|speed) ;;
+          *) echo "gpu_check: there is no part '$part'" >&2; usage >&2; exit 2 ;;
+        esac
+      done
+      shift ;;
+    --case)
+      case=$(cd "${2:?--case needs a folder}" && pwd)
+      [[ -f $case/case.toml ]] || { echo "gpu_check: there is no $case/case.toml" >&2; exit 2; }
+      shift ;;
     -D*) cmake_arguments+=("$1") ;;
     *) echo "gpu_check: unknown option '$1'" >&2; usage >&2; exit 2 ;;
   esac
@@ -37,6 +58,7 @@ output=$(cd "$output" && pwd)
 cd "$root"
 limit=${MTLED_STEP_SECONDS:-600}
 needs_device='*OnCuda.*:*/cuda'
+wants() { [[ ,$parts, == *,$1,* ]]; }
 
 # A JSON text of the argument.
 text() { printf '"%s"' "$(printf '%s' "$1" | tr -d '\000-\010\013\014\016-\037' | tr '\t\r\n' '   ' | sed 's/\\/\\\\/g; s/"/\\"/g')"; }
@@ -48,6 +70,7 @@ record() {
   {\"name\": $(text "$1"), \"status\": \"$2\", \"exit_code\": $3, \"seconds\": $4, \"command\": $(text "$5"), \"reason\": $(text "$6")}"
   printf '%-28s %s%s\n' "$1" "$2" "${6:+ ($6)}"
   [[ $2 != failed ]] || failed=yes
+  write_report
 }
 skip() { record "$1" skipped null 0 "" "$2"; }
 # run NAME COMMAND...: its output goes to NAME.log. A test that is skipped though there is a GPU has failed.
@@ -64,10 +87,10 @@ run() {
 }
 
 started_at=$(date --utc +%FT%TZ) gpu=no finished=no
-# Written at the end, and also when the script stops early.
+# Written after every step, so that it is there whenever the script is stopped.
 write_report() {
   local result=passed
-  if [[ $failed == yes || $finished == no ]]; then result=failed; elif [[ $gpu == no ]]; then result="no GPU"; fi
+  if [[ $failed == yes ]]; then result=failed; elif [[ $finished == no ]]; then result=unfinished; elif [[ $gpu == no ]]; then result="no GPU"; fi
   cat > "$output/gpu_check.json.tmp" <<EOT
 {
  "result": "$result",
@@ -77,17 +100,20 @@ write_report() {
  "info": $(text "$(if [[ -x ${binaries:-none}/mtled ]]; then "$binaries/mtled" info 2>&1 | paste -sd ';'; fi)"),
  "nvcc": $(text "$(PATH=$PATH:/usr/local/cuda/bin nvcc --version 2>/dev/null | tail -n 1 || true)"),
  "binaries": $(text "$binaries"),
+ "parts": $(text "$parts"),
  "steps": [$steps
  ]
 }
 EOT
   mv "$output/gpu_check.json.tmp" "$output/gpu_check.json"
-  echo "report: $output/gpu_check.json ($result)"
 }
-trap write_report EXIT
+trap 'write_report; echo "report: $output/gpu_check.json"' EXIT
 
 if [[ -n $binaries ]]; then
   skip build "programs of $binaries are used"
+  export LD_LIBRARY_PATH=$binaries${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}
+elif ! wants build; then
+  binaries=$root/build-gpu/bin
 else
   generator=()
   if [[ ! -f build-gpu/CMakeCache.txt ]] && command -v ninja >/dev/null; then generator=(-G Ninja); fi
@@ -113,6 +139,7 @@ done
 [[ ${#tests[@]} -gt 0 ]] || record tests failed null 0 "$binaries/*_test --gtest_filter=$needs_device" "no program there has tests that need a GPU"
 
 for program in "${tests[@]}"; do
+  wants tests || break
   name=$(basename "$program")
   if [[ $gpu == yes ]]; then
     run "$name" "$program" --gtest_filter="$needs_device" || true
@@ -123,11 +150,83 @@ for program in "${tests[@]}"; do
   fi
 done
 
-sanitizer=$(PATH=$PATH:/usr/local/cuda/bin command -v compute-sanitizer || true)
+# A block of 8 x 8 x 16 cells, held at the bottom, pulled and turned by springs in a bone near its top.
+make_case() {
+  mkdir -p "$1"
+  awk -v folder="$1" 'BEGIN {
+    h = 5; nx = 8; nz = 16; n = 0
+    print "x,y,z" > (folder "/nodes.csv"); print "node,ux,uy,uz" > (folder "/constraints.csv")
+    print "x,y,z,volume,shear_modulus_kpa" > (folder "/points.csv"); print "x,y,z,stiffness,ux,uy,uz" > (folder "/springs.csv")
+    for (k = 0; k <= nz; ++k) for (j = 0; j <= nx; ++j) for (i = 0; i <= nx; ++i) {
+      print h * i "," h * j "," h * k > (folder "/nodes.csv")
+      if (k == 0) print n "," 0 "," 0 "," 0 > (folder "/constraints.csv")
+      ++n
+    }
+    for (k = 0; k < nz; ++k) for (j = 0; j < nx; ++j) for (i = 0; i < nx; ++i) for (p = -1; p <= 1; p += 2)
+      print h * (i + 0.5 + p / 6) "," h * (j + 0.5 + p / 8) "," h * (k + 0.5 + p / 10) "," h^3 / 2 "," (i < 4 ? 1 : 4) > (folder "/points.csv")
+    for (k = 11; k <= 14; ++k) for (j = 3; j <= 5; ++j) for (i = 3; i <= 5; ++i)
+      print h * (i + 0.1) "," h * (j + 0.1) "," h * (k + 0.1) ",5000," 4 + 0.2 * h * (j - 4) "," 0.2 * h * (4 - i) ",3" > (folder "/springs.csv")
+  }'
+  cat > "$1/case.toml" <<'EOT'
+[nodes]
+file = "nodes.csv"
+lattice = { origin = [0.0, 0.0, 0.0], spacing = 5.0 }
+[points]
+file = "points.csv"
+[material]
+poisson_ratio = 0.49
+[constraints]
+file = "constraints.csv"
+[springs]
+file = "springs.csv"
+[solver]
+tolerance_mm = 0.001
+EOT
+}
+# largest_difference A B LIMIT: prints the largest difference of a displacement; fails when it is not below LIMIT, or the nodes differ.
+largest_difference() {
+  paste -d , "$1" "$2" | awk -F , -v limit="$3" '
+    NF != 12 || (NR > 1 && ($1 != $7 || $2 != $8 || $3 != $9)) { print "line " NR ": not the same nodes"; bad = 1; exit }
+    NR > 1 { for (c = 4; c <= 6; ++c) {
+      d = $c - $(c + 6); if (d < 0) d = -d
+      if (d > largest) largest = d
+      size = $c < 0 ? -$c : $c; if (size > moved) moved = size
+    } }
+    END {
+      if (bad) exit 1
+      print "largest difference " largest + 0 " mm at " NR - 1 " nodes, largest displacement " moved + 0 " mm"
+      exit !(NR > 1 && moved > 0 && largest < limit)
+    }'
+}
+export -f largest_difference
+if wants case; then
+  # A copy, to which a case in the other precision is added. Rounding alone moves soft parts in single precision: a corner of
+  # the block by 0.02 mm.
+  rm -rf "$output/case"
+  if [[ -n $case ]]; then cp -r "$case" "$output/case"; else make_case "$output/case"; fi
+  sed '/^ *precision *=/d' "$output/case/case.toml" > "$output/case/single.toml"
+  grep -q '^\[solver\]' "$output/case/single.toml" || echo '[solver]' >> "$output/case/single.toml"
+  sed 's/^\[solver\].*/&\nprecision = "double"/' "$output/case/single.toml" > "$output/case/double.toml"
+  for precision in double single; do
+    below=$([[ $precision == double ]] && echo 1e-3 || echo 0.05)
+    # Without a GPU the comparison itself is rehearsed: one thread and all of them give the same bits.
+    if [[ $gpu == yes ]]; then first=(--device cuda); name=case_$precision
+    else first=(--device cpu --threads 1); below=1e-12; name=rehearse_case_$precision; fi
+    solve=("$binaries/mtled" solve "$output/case/$precision.toml" --force --output)
+    if run "${name}_first" "${solve[@]}" "$output/case/${precision}_first" "${first[@]}" && run "${name}_cpu" "${solve[@]}" "$output/case/${precision}_cpu" --device cpu; then
+      run "${name}_difference" bash -c 'largest_difference "$@"' largest_difference "$output/case/${precision}_first/nodes.csv" "$output/case/${precision}_cpu/nodes.csv" "$below" || true
+      cat "$output/${name}_difference.log"
+    fi
+  done
+  [[ $gpu == yes ]] || skip case "$reason"
+fi
+
+sanitizer=$(PATH=$PATH:${CUDA_PATH:-/usr/local/cuda}/bin:/usr/local/cuda/bin:/usr/local/cuda/compute-sanitizer command -v compute-sanitizer || true)
 for tool in memcheck racecheck initcheck; do
+  wants "$tool" || continue
   for program in "${tests[@]}"; do
     name=${tool}_$(basename "$program")
-    if [[ -z $sanitizer ]]; then skip "$name" "no compute-sanitizer in PATH or /usr/local/cuda/bin"
+    if [[ -z $sanitizer ]]; then skip "$name" "no compute-sanitizer in PATH, \$CUDA_PATH/bin or /usr/local/cuda"
     elif [[ $gpu == no ]]; then skip "$name" "$reason"
     else
       more=()
@@ -137,9 +236,13 @@ for tool in memcheck racecheck initcheck; do
   done
 done
 
-if [[ ! -x $binaries/step_perf ]]; then skip step_perf "there is no $binaries/step_perf"
+if ! wants speed; then :
+elif [[ ! -x $binaries/step_perf ]]; then skip step_perf "there is no $binaries/step_perf"
 elif [[ $gpu == no ]]; then skip step_perf "$reason"
-else run step_perf "$binaries/step_perf" --output "$output/step_perf" || true; fi
+else
+  run step_perf "$binaries/step_perf" --device cuda --output "$output/step_perf" || true
+  run step_perf_general "$binaries/step_perf" --device cuda --cloud general --sizes 100000 1000000 --output "$output/step_perf_general" || true
+fi
 
 finished=yes
 if [[ $failed == yes ]]; then exit 1; fi

@@ -8,7 +8,7 @@ usage() {
 usage: scripts/kernel_resources.sh [--architecture N] [--output FILE]
 
 Compiles the CUDA backend for one compute capability (default: 90) with the assembler's report on (ptxas -v) and writes a
-Markdown table of all kernels to FILE (default: perf/results/kernels.md). Needs nvcc, but no GPU.
+Markdown table of all kernels to FILE (default: perf/results/kernels.md). Needs nvcc and make, but no GPU.
 EOT
 }
 
@@ -24,13 +24,15 @@ while [[ $# -gt 0 ]]; do
 done
 
 build=$PWD/build-kernels
-cmake --preset ci -B "$build" -DMTLED_IMAGING=OFF -DMTLED_TESTS=OFF -DCMAKE_CUDA_ARCHITECTURES="$architecture-real" -DCMAKE_CUDA_FLAGS=-Xptxas=-v \
+cmake --preset ci -G "Unix Makefiles" -B "$build" -DMTLED_IMAGING=OFF -DMTLED_TESTS=OFF -DCMAKE_CUDA_ARCHITECTURES="$architecture-real" -DCMAKE_CUDA_FLAGS=-Xptxas=-v \
   -DCMAKE_CUDA_COMPILER_LAUNCHER= > "$build.log" 2>&1 || { cat "$build.log" >&2; exit 1; }
 rm "$build.log"
 report=$build/ptxas.log
-# Ninja shows no output of what it need not compile, so all device code is compiled again.
-find "$build/src/cuda" -name '*.cu.o' -delete 2>/dev/null || true
-cmake --build "$build" --target mtled_cuda > "$report" 2>&1 || { cat "$report" >&2; exit 1; }
+# Only what has kernels, and all of it again: there is no report of what need not be compiled.
+find "$build/src/cuda" -name '*.cu.o' -delete
+objects=(src/cuda/*.cu)
+objects=("${objects[@]/#src\/cuda\//}")
+make -C "$build/src/cuda" "${objects[@]/%/.o}" > "$report" 2>&1 || { cat "$report" >&2; exit 1; }
 
 rows=$(awk '
   /Compiling entry function/ { split($0, part, "\x27"); name = part[2] }
@@ -49,13 +51,15 @@ mkdir -p "$(dirname "$output")"
   nvcc=$(sed -n 's/^CMAKE_CUDA_COMPILER:[^=]*=//p' "$build/CMakeCache.txt")
   echo "# Resources of the kernels"
   echo
+  flags=$(sed -n 's/^CUDA_FLAGS = //p' "$build/src/cuda/CMakeFiles/mtled_cuda.dir/flags.make")
   echo "Compute capability $((architecture / 10)).$((architecture % 10)), nvcc $("$nvcc" --version | sed -n 's/.*release.*V\([0-9.]*\).*/\1/p'), commit $(git describe --always --dirty --exclude '*')." \
-    "Written by \`scripts/kernel_resources.sh\`. Per thread: registers, and bytes of stack and of spilled registers; per block: bytes of static shared memory."
+    "Written by \`scripts/kernel_resources.sh\`. Per thread: registers, and bytes of stack and of spilled registers; per block: bytes of static shared memory." \
+    "Flags: \`$flags\`; for field.cu also \`-fmad=false\`."
   echo
   echo "| kernel | registers | stack | spill stores | spill loads | shared memory |"
   echo "|---|---|---|---|---|---|"
   # shellcheck disable=SC2016
-  c++filt <<< "$rows" | sed 's/|/\\|/g; s/^\(.*\) \([0-9]*\) \([0-9]*\) \([0-9]*\) \([0-9]*\) \([0-9]*\)$/| `\1` | \2 | \3 | \4 | \5 | \6 |/'
+  c++filt --no-params <<< "$rows" | sed 's/mtled:://g; s/|/\\|/g; s/^\(.*\) \([0-9]*\) \([0-9]*\) \([0-9]*\) \([0-9]*\) \([0-9]*\)$/| `\1` | \2 | \3 | \4 | \5 | \6 |/'
 } > "$output.tmp"
 mv "$output.tmp" "$output"
 echo "written: $output ($(wc -l <<< "$rows") kernels)"

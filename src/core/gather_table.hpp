@@ -45,9 +45,9 @@ struct GatherTableView {
       const std::uint32_t end = stencil_begin[stencil[thread] + 1];
       for (std::uint32_t e = stencil_begin[stencil[thread]]; e < end; ++e) visit(from + stencil_entry[e].index, stencil_entry[e]);
     } else {
-      const int s = (thread - shared_threads) / slice;
-      const std::uint64_t end = slice_begin[s + 1];
-      for (std::uint64_t e = slice_begin[s] + std::uint64_t(thread % slice); e < end; e += slice) visit(own[e].index, own[e]);
+      const int s = (thread - shared_threads) / slice, terms = int(slice_begin[s + 1] - slice_begin[s]) / slice;
+      const GatherEntry<Real>* entry = own + slice_begin[s] + thread % slice;
+      for (int e = 0; e < terms; ++e) visit(entry[e * slice].index, entry[e * slice]);  // counted, so that nvcc unrolls it
     }
   }
 };

@@ -20,6 +20,7 @@ struct ForceOfNodes {
     if (step.over()) return;
     const int slot = of_nodes.row[thread];
     if (slot < 0) return;
+    const Real load = external ? Real(step.load()) : Real(0);  // here: its division is a call, across which the sums would spill
     Vec4<Real> sum{};
     of_nodes.each(thread, [&](int place, const GatherEntry<Real>& g) {
       const Vec4<Real> px = stress[0][place], py = stress[1][place], pz = stress[2][place];
@@ -27,7 +28,7 @@ struct ForceOfNodes {
       sum.y += py.x * g.x + py.y * g.y + py.z * g.z;
       sum.z += pz.x * g.x + pz.y * g.y + pz.z * g.z;
     });
-    f[slot] = external ? sum - Real(step.load()) * external[slot] : sum;
+    f[slot] = external ? sum - load * external[slot] : sum;
   }
 };
 
