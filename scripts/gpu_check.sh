@@ -36,7 +36,7 @@ mkdir -p "$output"
 output=$(cd "$output" && pwd)
 cd "$root"
 limit=${MTLED_STEP_SECONDS:-600}
-needs_device='*OnCuda.*:*/cuda'
+needs_device='*OnCuda.*:*/*cuda'
 
 # A JSON text of the argument.
 text() { printf '"%s"' "$(printf '%s' "$1" | tr -d '\000-\010\013\014\016-\037' | tr '\t\r\n' '   ' | sed 's/\\/\\\\/g; s/"/\\"/g')"; }

@@ -222,7 +222,9 @@ class DeviceMechanics : public Mechanics {
     const double of_tables = double(tables.of_points.bytes() + tables.of_nodes.bytes());
     const double of_coarse = unknowns * unknowns * sizeof(float) + nodes * (sizeof(CoarseNode<Real>) + 3 * sizeof(std::int32_t)) + slots * sizeof(std::int32_t) * (coarse_space_ ? 1 : 0);
     const double of_springs = double(model_.springs.node.size()) * 2 * (sizeof(Real) + sizeof(std::int32_t)) + double(model_.springs.size()) * 2 * vec4;
-    bytes_ = of_slots + of_points + of_tables + of_coarse + of_springs;
+    // Of the field at nodes, as many terms as at points.
+    const double of_rows = slots * (double(tables.of_points.terms) / double(model_.points->size()) * (sizeof(float) + sizeof(std::int32_t)) + sizeof(std::uint32_t));
+    bytes_ = of_slots + of_points + of_tables + of_coarse + of_springs + of_rows;
     if (const double free_bytes = device_.free_bytes(); bytes_ > free_bytes)
       fail(Failure::memory, "the model needs ", bytes_ / 1e9, " GB on the GPU (", model_.field->cloud().size(), " nodes: ", bytes_ / double(model_.field->cloud().size()),
            " bytes per node, of which tables ", of_tables / 1e9, " GB), but only ", free_bytes / 1e9, " GB are free; use a larger node spacing, or --device cpu");
