@@ -281,21 +281,22 @@ TEST_P(Calls, AWrongDampingIsSeen) {
   });
 }
 
-class Solutions : public testing::TestWithParam<std::tuple<Kind, Relaxation, Backend>> {
+/// Large in the sense of backends.hpp: thousands of steps.
+class LargeSolutions : public testing::TestWithParam<std::tuple<Kind, Relaxation, Backend>> {
  protected:
   void SetUp() override { backends::skip_without_device(backend); }
   const Relaxation relaxation = std::get<1>(GetParam());
   const Backend backend = std::get<2>(GetParam());
   const Problem problem{std::get<0>(GetParam()), MaterialModel::neo_hookean};
 };
-std::string name_of_solutions(const testing::TestParamInfo<Solutions::ParamType>& info) {
+std::string name_of_solutions(const testing::TestParamInfo<LargeSolutions::ParamType>& info) {
   const auto [kind, relaxation, backend] = info.param;
   return concatenate(kind_name[int(kind)], relaxation == Relaxation::plain ? "_plain_" : "_two_level_", backends::name(backend));
 }
-INSTANTIATE_TEST_SUITE_P(On, Solutions,
+INSTANTIATE_TEST_SUITE_P(On, LargeSolutions,
                          testing::Combine(testing::Values(Kind::lattice, Kind::gap, Kind::cloud), testing::Values(Relaxation::plain, Relaxation::two_level), backends::device_backends), name_of_solutions);
 
-TEST_P(Solutions, AreThoseOfTheCpuWithinTheTolerances) {
+TEST_P(LargeSolutions, AreThoseOfTheCpuWithinTheTolerances) {
   for (const bool double_precision : {false, true})
     for (const double tolerance : {0.1, 0.001}) {
       SolverOptions options = problem.options(relaxation, double_precision);

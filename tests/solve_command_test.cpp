@@ -175,7 +175,8 @@ TEST_F(Solve, SameBitsForAnyThreadsAndWithoutTheLatticePromise) {
 TEST_F(Solve, SaysOnWhichDeviceUnlessQuiet) {
   const Outcome outcome = run({"--device", "cpu"});
   ASSERT_EQ(outcome.code, 0) << outcome.err;
-  EXPECT_NE(outcome.err.find("device: cpu\n"), std::string::npos) << outcome.err;
+  EXPECT_NE(outcome.err.find("device: cpu, "), std::string::npos) << outcome.err;
+  EXPECT_NE(outcome.err.find(" GB for 343 nodes"), std::string::npos) << outcome.err;
   EXPECT_EQ(summary()["device"], "cpu");
   const Outcome quiet = run({"--quiet", "--force"});
   EXPECT_EQ(quiet.code, 0);

@@ -222,7 +222,7 @@ class DeviceMechanics : public Mechanics {
     const double of_tables = double(tables.of_points.bytes() + tables.of_nodes.bytes());
     const double of_coarse = unknowns * unknowns * sizeof(float) + nodes * (sizeof(CoarseNode<Real>) + 3 * sizeof(std::int32_t)) + slots * sizeof(std::int32_t) * (coarse_space_ ? 1 : 0);
     const double of_springs = double(model_.springs.node.size()) * 2 * (sizeof(Real) + sizeof(std::int32_t)) + double(model_.springs.size()) * 2 * vec4;
-    // Of the field at nodes, as many terms as at points.
+    // Of the field at nodes: at most as many terms as at points.
     const double of_rows = slots * (double(tables.of_points.terms) / double(model_.points->size()) * (sizeof(float) + sizeof(std::int32_t)) + sizeof(std::uint32_t));
     bytes_ = of_slots + of_points + of_tables + of_coarse + of_springs + of_rows;
     if (const double free_bytes = device_.free_bytes(); bytes_ > free_bytes)
