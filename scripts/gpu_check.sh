@@ -57,7 +57,7 @@ mkdir -p "$output"
 output=$(cd "$output" && pwd)
 cd "$root"
 limit=${MTLED_STEP_SECONDS:-600}
-needs_device='*OnCuda.*:*/cuda'
+needs_device='*OnCuda.*:*/*cuda'
 wants() { [[ ,$parts, == *,$1,* ]]; }
 
 # A JSON text of the argument.

@@ -1,14 +1,15 @@
-#include <gtest/gtest.h>
-
+#include "backends.hpp"
 #include "core/body_sampling.hpp"
 #include "core/shape_evaluator.hpp"
+#include "cuda/field.hpp"
 #include "cuda/field_on.hpp"
-#include "loop_device.hpp"
+#include "cuda/serial_device.hpp"
 #include "scenes.hpp"
 
 namespace mtled {
 namespace {
 
+using backends::Backend;
 using scenes::Box;
 
 constexpr double h = 5;
@@ -26,10 +27,11 @@ struct Scene {
 };
 /// A box, whose cells are known or not; one with an empty layer of cells, but for its end; a ragged ball; a slab with a rod one cell thin,
 /// whose supports must be enlarged; a box that is coupled with finite elements.
-class DeviceField : public testing::TestWithParam<Scene> {
+class DeviceField : public testing::TestWithParam<std::tuple<Scene, Backend>> {
  protected:
   void SetUp() override {
-    const std::string& name = GetParam().name;
+    backends::skip_without_device(backend);
+    if (IsSkipped()) return;
     const auto in_ball = [](const std::array<int, 3>& c) { return squared_norm(Vec3d{c[0] - 5.0, c[1] - 4.0, c[2] - 6.0}) < 17; };
     const auto beside_slit = [](const std::array<int, 3>& c) { return c[2] != 6 || c[0] < 4; };
     const auto in_rod = [](const std::array<int, 3>& c) { return c[2] < 3 || (c[0] == 5 && c[1] == 4); };
@@ -42,9 +44,10 @@ class DeviceField : public testing::TestWithParam<Scene> {
     std::vector<std::uint8_t> prescribed;
     if (name == "coupled")
       for (const Vec3d& x : cloud.nodes) prescribed.push_back(x.z < 0.5 * h);
-    evaluator.emplace(cloud, prescribed, GetParam().options);
+    evaluator.emplace(cloud, prescribed, scene.options);
     for (const Vec3d& x : cloud.nodes) parameter.push_back(strong(x));
-    device.emplace(LoopDevice(), make_lattice_field(*evaluator, parameter));
+    if (backend == Backend::cuda) device = cuda_field(backends::device().ordinal, *evaluator, parameter);
+    else device = std::make_unique<FieldOn<SerialDevice>>(SerialDevice(), make_lattice_field(*evaluator, parameter));
     // Voxels beyond the body on all sides, many of them on lattice planes.
     grid.size = {71, 47, 37};
     grid.spacing = {h / 6, h / 4, h / 2.4};
@@ -65,10 +68,13 @@ class DeviceField : public testing::TestWithParam<Scene> {
         for (int i = 0; i < grid.size[0]; ++i) work(grid.point(i, j, k), grid.offset(i, j, k));
   }
 
+  const Scene scene = std::get<0>(GetParam());
+  const Backend backend = std::get<1>(GetParam());
+  const std::string& name = scene.name;
   Cloud cloud;
   std::optional<ShapeEvaluator> evaluator;
   std::vector<Vec3d> parameter;
-  std::optional<FieldOn<LoopDevice>> device;
+  std::unique_ptr<FieldBackend> device;
   Grid grid;
 };
 std::vector<Scene> every_scene() {
@@ -81,10 +87,12 @@ std::vector<Scene> every_scene() {
   scenes.push_back({"box", {Basis::linear, 3.2}});
   return scenes;
 }
-INSTANTIATE_TEST_SUITE_P(All, DeviceField, testing::ValuesIn(every_scene()), [](const auto& scene) {
-  const MlsOptions& o = scene.param.options;
-  return scene.param.name + (o.basis == Basis::linear ? o.dilatation > 2 ? "LinearWide" : "Linear" : o.basis == Basis::quadratic ? "Quadratic" : "Modified");
-});
+std::string name_of(const testing::TestParamInfo<DeviceField::ParamType>& info) {
+  const auto& [scene, backend] = info.param;
+  const MlsOptions& o = scene.options;
+  return scene.name + (o.basis == Basis::linear ? o.dilatation > 2 ? "LinearWide" : "Linear" : o.basis == Basis::quadratic ? "Quadratic" : "Modified") + "_" + backends::name(backend);
+}
+INSTANTIATE_TEST_SUITE_P(All, DeviceField, testing::Combine(testing::ValuesIn(every_scene()), backends::device_backends), name_of);
 
 TEST_P(DeviceField, IsTheShapeEvaluatorsWhereItDecides) {
   VectorImage u(grid);
@@ -116,9 +124,9 @@ TEST_P(DeviceField, IsTheShapeEvaluatorsWhereItDecides) {
   });
   EXPECT_LT(largest, float_tolerance_mm);
   EXPECT_GT(covered, 0u);
-  EXPECT_EQ(needed > 0, GetParam().name == "rod" || GetParam().name == "coupled");
+  EXPECT_EQ(needed > 0, name == "rod" || name == "coupled");
   // The bound of the condition is good enough for the usual supports.
-  EXPECT_EQ(needless > 0, !walks || GetParam().options.dilatation < 1.5) << needless << " of " << covered;
+  EXPECT_EQ(needless > 0, !walks || scene.options.dilatation < 1.5) << needless << " of " << covered;
 }
 
 TEST_P(DeviceField, InverseMeetsItsToleranceAndLeavesTheRest) {

@@ -1,13 +1,13 @@
-#include <gtest/gtest.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
 
+#include "backends.hpp"
 #include "core/body_sampling.hpp"
 #include "core/shape_evaluator.hpp"
 #include "core/solver.hpp"
+#include "cuda/field.hpp"
 #include "cuda/field_on.hpp"
 #include "image_io/image_io.hpp"
 #include "imaging/warp.hpp"
@@ -17,12 +17,24 @@
 namespace mtled {
 namespace {
 
-Image sample_by_loop(const Image& samples, const VectorImage& displacement, Interpolation interpolation, float outside) {
-  LoopDevice device;
-  return sample_displaced_on(device, samples, displacement, interpolation, outside);
-}
+using backends::Backend;
 
-TEST(DeviceWarp, IsTheCpusToTheBit) {
+/// The functors on the host, by a loop on all processors, and on a GPU.
+class DeviceWarp : public backends::EachBackend {
+ protected:
+  static Image sample_by_loop(const Image& samples, const VectorImage& displacement, Interpolation interpolation, float outside) {
+    LoopDevice device;
+    return sample_displaced_on(device, samples, displacement, interpolation, outside);
+  }
+  static SampleDisplaced sampler() { return GetParam() == Backend::cuda ? cuda_sampler(backends::device().ordinal) : sample_by_loop; }
+  static std::unique_ptr<FieldBackend> field(const ShapeEvaluator& evaluator, const std::vector<Vec3d>& parameter) {
+    if (GetParam() == Backend::cuda) return cuda_field(backends::device().ordinal, evaluator, parameter);
+    return std::make_unique<FieldOn<LoopDevice>>(LoopDevice(), make_lattice_field(evaluator, parameter));
+  }
+};
+INSTANTIATE_TEST_SUITE_P(On, DeviceWarp, backends::device_backends, backends::backend_name);
+
+TEST_P(DeviceWarp, IsTheCpusToTheBit) {
   Grid moving_grid, fixed_grid;
   moving_grid.size = {31, 28, 17}, moving_grid.spacing = {1, 1.1, 2.3}, moving_grid.direction = rotation_matrix({0.3, -0.2, 0.5});
   fixed_grid.size = {29, 33, 19}, fixed_grid.spacing = {1.2, 0.9, 2};
@@ -31,7 +43,7 @@ TEST(DeviceWarp, IsTheCpusToTheBit) {
   VectorImage field(fixed_grid);
   for (std::size_t v = 0; v < field.data.size(); ++v) field.data[v] = {float(3 * std::sin(0.01 * double(v))), 2.5f, float(4 * std::cos(0.02 * double(v)))};
   for (const Interpolation interpolation : {Interpolation::nearest, Interpolation::linear, Interpolation::cubic}) {
-    const Image expected = warp_image(moving, field, interpolation, -1000), warped = warp_image(moving, field, interpolation, -1000, sample_by_loop);
+    const Image expected = warp_image(moving, field, interpolation, -1000), warped = warp_image(moving, field, interpolation, -1000, sampler());
     EXPECT_EQ(warped.data, expected.data);
     EXPECT_GT(std::count(warped.data.begin(), warped.data.end(), -1000), 100);
     EXPECT_LT(std::count(warped.data.begin(), warped.data.end(), -1000), std::ptrdiff_t(warped.data.size()) - 1000);
@@ -39,7 +51,7 @@ TEST(DeviceWarp, IsTheCpusToTheBit) {
 }
 
 // A real body, deformed by a formula: which voxels are left to the CPU does not depend on how it is deformed.
-TEST(DeviceFields, OfAThoraxLeaveFewVoxelsToTheCpu) {
+TEST_P(DeviceWarp, LargeFieldsOfAThoraxLeaveFewVoxelsToTheCpu) {
   const std::filesystem::path folder = std::filesystem::path(MTLED_SOURCE_DIR) / "data/thorax_flex";
   const Mask mask = read_mask(folder / "moving_body_mask.nii.gz", "mask");
   SamplingOptions sampling;
@@ -49,10 +61,10 @@ TEST(DeviceFields, OfAThoraxLeaveFewVoxelsToTheCpu) {
   for (const Vec3d& x : body.cloud.nodes) parameter.push_back({6 * std::sin(x.x / 60), 0.1 * x.z + 3 * std::cos(x.z / 45), 8 * std::sin(x.y / 60)});
   const ShapeEvaluator evaluator(body.cloud, {}, {});
   const DisplacementFunction u = [&](const Vec3d& X, Vec3d& value) { return evaluator.covers(X) && displacement_at(evaluator, parameter, X, value); };
-  FieldOn<LoopDevice> device(LoopDevice(), make_lattice_field(evaluator, parameter));
+  const std::unique_ptr<FieldBackend> device = field(evaluator, parameter);
   InverseStatistics by_cpu, by_device;
-  const DenseField forward_cpu = forward_field(mask.grid, u), forward = forward_field(mask.grid, u, &device);
-  const DenseField inverse_cpu = inverse_field(mask.grid, forward_cpu, u, 0.01, by_cpu), inverse = inverse_field(mask.grid, forward_cpu, u, 0.01, by_device, &device);
+  const DenseField forward_cpu = forward_field(mask.grid, u), forward = forward_field(mask.grid, u, device.get());
+  const DenseField inverse_cpu = inverse_field(mask.grid, forward_cpu, u, 0.01, by_cpu), inverse = inverse_field(mask.grid, forward_cpu, u, 0.01, by_device, device.get());
   EXPECT_EQ(forward.covered.data, forward_cpu.covered.data);
   EXPECT_EQ(inverse.covered.data, inverse_cpu.covered.data);
   EXPECT_EQ(by_device.covered, by_cpu.covered);

@@ -171,7 +171,7 @@ struct Scene {
   Constraints constraints;
   IntegrationPoints points;
   ShapeEvaluator evaluator(const MlsOptions& options = {}) const { return {cloud, prescribed_flags(cloud, constraints), options}; }
-  Solution solve(const SolverOptions& options = {}) const { return mtled::solve(evaluator(), points, constraints, options); }
+  Solution solve(const SolverOptions& options = {}, const MakeMechanics& make_mechanics = {}) const { return mtled::solve(evaluator(), points, constraints, options, {}, {}, make_mechanics); }
 };
 
 /// Background cells with sub-cells where the lattice is coupled with prescribed nodes.

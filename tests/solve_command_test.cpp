@@ -6,6 +6,7 @@
 
 #include "core/error.hpp"
 #include "core/material.hpp"
+#include "cuda/device_choice.hpp"
 #include "io/tables.hpp"
 #include "program.hpp"
 #include "temporary_folder.hpp"
@@ -174,7 +175,8 @@ TEST_F(Solve, SameBitsForAnyThreadsAndWithoutTheLatticePromise) {
 TEST_F(Solve, SaysOnWhichDeviceUnlessQuiet) {
   const Outcome outcome = run({"--device", "cpu"});
   ASSERT_EQ(outcome.code, 0) << outcome.err;
-  EXPECT_NE(outcome.err.find("device: cpu\n"), std::string::npos) << outcome.err;
+  EXPECT_NE(outcome.err.find("device: cpu, "), std::string::npos) << outcome.err;
+  EXPECT_NE(outcome.err.find(" GB for 343 nodes"), std::string::npos) << outcome.err;
   EXPECT_EQ(summary()["device"], "cpu");
   const Outcome quiet = run({"--quiet", "--force"});
   EXPECT_EQ(quiet.code, 0);
@@ -184,6 +186,12 @@ TEST_F(Solve, SaysOnWhichDeviceUnlessQuiet) {
 TEST_F(Solve, DevicesThatAreNotThereAreRefused) {
   refused(device, {"--device cuda:9999: ", "--device cpu"}, {"--device", "cuda:9999"});
   for (const char* nonsense : {"gpu", "cuda:", "cuda:-1", "cuda:one"}) refused(usage, {"--device is '" + std::string(nonsense) + "'", "auto, cpu, cuda or cuda:N"}, {"--device=" + std::string(nonsense)});
+}
+
+TEST_F(Solve, MotionInTimeIsRefusedOnADevice) {
+  write_case("[dynamics]\nduration_s = 0.1\n");
+  const bool there = !choose_device({DeviceRequest::automatic}, cuda_status()).on_cpu();
+  refused(device, {there ? "motion in time is computed on the CPU only" : "--device cuda: ", "--device cpu"}, {"--device", "cuda"});
 }
 
 TEST_F(Solve, PlainRelaxationInDoubleAgrees) {

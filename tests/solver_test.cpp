@@ -7,6 +7,7 @@
 #include <numbers>
 #include <tuple>
 
+#include "backends.hpp"
 #include "core/motion.hpp"
 #include "core/parallel.hpp"
 #include "core/stabilisation.hpp"
@@ -15,6 +16,7 @@
 namespace mtled {
 namespace {
 
+using backends::Backend;
 using scenes::Box;
 using scenes::Scene;
 
@@ -116,18 +118,21 @@ const Affine general_affine{{{{0.05, 0.1, 0}, {-0.03, -0.06, 0.08}, {0.02, 0, 0.
 // 0.26 mm on the jittered cloud, of 16 mm moved, and four to five times less with 27 times as many points.
 constexpr double patch_error_lattice = 0.015 * h, patch_error_jittered = 0.03 * h;
 
-class PatchTest : public testing::TestWithParam<bool> {
+class PatchTest : public testing::TestWithParam<std::tuple<bool, Backend>> {
  protected:
-  const bool jittered = GetParam();
+  void SetUp() override { backends::skip_without_device(std::get<1>(GetParam())); }
+  Solution solve(const Scene& scene, const SolverOptions& options) const { return scene.solve(options, backends::mechanics_of(std::get<1>(GetParam()))); }
+  const bool jittered = std::get<0>(GetParam());
   const double tolerance = jittered ? patch_error_jittered : patch_error_lattice;
   const Box box{{8, 8, 9}, h};
 };
-INSTANTIATE_TEST_SUITE_P(Clouds, PatchTest, testing::Bool(), [](const auto& jittered) { return jittered.param ? "jittered" : "lattice"; });
+std::string name_of_patch_test(const testing::TestParamInfo<PatchTest::ParamType>& info) { return (std::get<0>(info.param) ? "jittered_" : "lattice_") + backends::name(std::get<1>(info.param)); }
+INSTANTIATE_TEST_SUITE_P(Clouds, PatchTest, testing::Combine(testing::Bool(), backends::every_backend), name_of_patch_test);
 
 TEST_P(PatchTest, AffineMotionOfTheSurface) {
   for (const Affine& motion : {simple_shear, general_affine}) {
     const Scene scene = surface_scene(box, jittered, motion);
-    const Solution s = scene.solve(tight());
+    const Solution s = solve(scene, tight());
     EXPECT_TRUE(s.converged);
     EXPECT_LT(largest_difference(s.displacement, exact(scene, motion)), tolerance);
     EXPECT_LT(root_mean_square(s.displacement, exact(scene, motion)), tolerance / 3);
@@ -137,16 +142,10 @@ TEST_P(PatchTest, AffineMotionOfTheSurface) {
   }
 }
 
-TEST_P(PatchTest, FinerIntegrationLeavesLessError) {
-  const Scene usual_points = surface_scene(box, jittered, simple_shear), fine = surface_scene(box, jittered, simple_shear, {0.25, 0.25, 0.25});
-  const double error = largest_difference(usual_points.solve(tight()).displacement, exact(usual_points, simple_shear));
-  EXPECT_LT(largest_difference(fine.solve(tight()).displacement, exact(fine, simple_shear)), error / 2);
-}
-
 TEST_P(PatchTest, SeesWrongVolumes) {
   Scene scene = surface_scene(box, jittered, simple_shear);
   for (std::size_t p = 0; p < scene.points.size(); p += 10) scene.points.volume[p] *= 2;
-  const Solution s = scene.solve(tight());
+  const Solution s = solve(scene, tight());
   EXPECT_GT(largest_difference(s.displacement, exact(scene, simple_shear)), tolerance);
 }
 
@@ -155,13 +154,22 @@ TEST_P(PatchTest, RigidMotionOfTheSurface) {
   const RigidMotion turn{{0, 50, 20}, rotation_matrix({0.3, -0.2, 0.4}), {5, -8, 3}};
   const auto motion = [&](const Vec3d& x) { return turn.displacement(x); };
   const Scene scene = surface_scene(box, jittered, motion);
-  const Solution s = scene.solve(tight());
+  const Solution s = solve(scene, tight());
   const double shear_energy = box.volume() * simple_shear.energy_density(1);
   EXPECT_LT(largest_difference(s.displacement, exact(scene, motion)), tight().tolerance_mm);
   EXPECT_NEAR(s.smallest_volume_ratio, 1, 1e-4);
   EXPECT_LT(s.strain_energy, 1e-8 * shear_energy);
   EXPECT_LT(norm(s.reactions.at("surface")), 1e-2);  // [mN]; the shear's stress on one face is 1440 mN
-  EXPECT_LT(largest_difference(scene.solve(usual()).displacement, exact(scene, motion)), usual().tolerance_mm);
+  EXPECT_LT(largest_difference(solve(scene, usual()).displacement, exact(scene, motion)), usual().tolerance_mm);
+}
+
+TEST(Solver, FinerIntegrationLeavesLessErrorInThePatchTest) {
+  for (const bool jittered : {false, true}) {
+    const Box box{{8, 8, 9}, h};
+    const Scene usual_points = surface_scene(box, jittered, simple_shear), fine = surface_scene(box, jittered, simple_shear, {0.25, 0.25, 0.25});
+    const double error = largest_difference(usual_points.solve(tight()).displacement, exact(usual_points, simple_shear));
+    EXPECT_LT(largest_difference(fine.solve(tight()).displacement, exact(fine, simple_shear)), error / 2);
+  }
 }
 
 /// Stretch across a bar that is stretched by `along` and free at its sides, and the stress along it [kPa].
@@ -209,18 +217,25 @@ struct FreeBar {
   }
 };
 
-TEST(Solver, FrictionlessCompressionHasClosedForm) {
+/// Problems with a known solution, on every backend.
+class KnownSolution : public backends::EachBackend {
+ protected:
+  Solution solve(const Scene& scene, const SolverOptions& options) const { return scene.solve(options, backends::mechanics_of(GetParam())); }
+};
+INSTANTIATE_TEST_SUITE_P(On, KnownSolution, backends::every_backend, backends::backend_name);
+
+TEST_P(KnownSolution, FrictionlessCompressionHasClosedForm) {
   const FreeBar compressible(0.3), nearly_incompressible(0.49);
-  compressible.expect_solution(compressible.scene.solve(tight()));
-  compressible.expect_solution(compressible.scene.solve(tight(Relaxation::plain)));
-  nearly_incompressible.expect_solution(nearly_incompressible.scene.solve(tight(Relaxation::plain)));
+  compressible.expect_solution(solve(compressible.scene, tight()));
+  compressible.expect_solution(solve(compressible.scene, tight(Relaxation::plain)));
+  nearly_incompressible.expect_solution(solve(nearly_incompressible.scene, tight(Relaxation::plain)));
 }
 
 // Diverges at about step 30 whatever its step size; 7 % of compression, and plain relaxation, do not. At the linear-elastic
 // start the volume is 2 % too small, a pressure of the size of the shear modulus, so the tangent there may be indefinite.
-TEST(Solver, TwoLevelsManageFrictionlessCompression) {
+TEST_P(KnownSolution, TwoLevelsManageFrictionlessCompression) {
   const FreeBar bar(0.49);
-  bar.expect_solution(bar.scene.solve(tight()));
+  bar.expect_solution(solve(bar.scene, tight()));
 }
 
 struct Problem {
@@ -314,7 +329,7 @@ TEST(PlainRelaxation, TrueErrorInFloatOnASpine) {
   EXPECT_LT(largest_difference(scene.solve(usual(Relaxation::plain)).displacement, scene.solve(tight()).displacement), promised_error);
 }
 
-TEST(Solver, WorkOfTheReactionsIsTheStrainEnergy) {
+TEST_P(KnownSolution, WorkOfTheReactionsIsTheStrainEnergy) {
   // W(1) = int_0^1 R(s) . d ds over the load path s d, here by four Gauss points.
   constexpr double place[] = {0.0694318442, 0.3300094782, 0.6699905218, 0.9305681558}, weight[] = {0.1739274226, 0.3260725774, 0.3260725774, 0.1739274226};
   for (const bool jittered : {false, true}) {
@@ -323,9 +338,9 @@ TEST(Solver, WorkOfTheReactionsIsTheStrainEnergy) {
     for (int i = 0; i < 4; ++i) {
       Scene part = clamped_cube(-10, jittered);
       for (Vec3d& d : part.constraints.displacement) d = place[i] * d;
-      work += weight[i] * dot(part.solve(tight()).reactions.at("top"), Vec3d{3, 0, -10});
+      work += weight[i] * dot(solve(part, tight()).reactions.at("top"), Vec3d{3, 0, -10});
     }
-    const double energy = scene.solve(tight()).strain_energy;
+    const double energy = solve(scene, tight()).strain_energy;
     EXPECT_NEAR(work, energy, 1e-4 * energy) << (jittered ? "jittered" : "lattice");
   }
 }
@@ -336,14 +351,14 @@ TEST(Solver, EnergyIsLeastAmongNeighbouringFields) {
   EXPECT_LE(scene.solve(tight()).strain_energy, scene.solve(usual()).strain_energy * (1 + 1e-7));
 }
 
-TEST(Solver, SmallLoadsGiveLinearElasticity) {
+TEST_P(KnownSolution, SmallLoadsGiveLinearElasticity) {
   // Twice a small load: twice the displacement, four times the energy, to the size of the strain (1e-4).
-  const auto scaled = [](double s) {
+  const auto scaled = [&](double s) {
     Scene scene = clamped_cube();
     for (Vec3d& d : scene.constraints.displacement) d = s * d;
     SolverOptions options = tight();
     options.tolerance_mm = 1e-8;
-    return scene.solve(options);
+    return solve(scene, options);
   };
   const Solution one = scaled(1e-3), two = scaled(2e-3);
   std::vector<Vec3d> doubled = one.displacement;
@@ -488,7 +503,7 @@ TEST_P(SolverErrors, ABodyTurnedInsideOut) {
   EXPECT_NE(error(scene, Failure::numerical), "");
 }
 
-TEST(Solver, BlocksOnBothSidesOfASlitMoveApartFreely) {
+TEST_P(KnownSolution, BlocksOnBothSidesOfASlitMoveApartFreely) {
   // One layer of cells is empty. The upper block is moved by its top: that takes no energy, unless the slit is bridged.
   const Box box{{5, 5, 9}, h};
   const auto kept = [](const std::array<int, 3>& c) { return c[2] != 4; };
@@ -498,9 +513,9 @@ TEST(Solver, BlocksOnBothSidesOfASlitMoveApartFreely) {
   const Vec3d away{2, 0, 5};
   scenes::prescribe(scene.cloud, scene.constraints, "bottom", scenes::below(2, 0), scenes::nowhere);
   scenes::prescribe(scene.cloud, scene.constraints, "top", scenes::above(2, 9 * h), [&](const Vec3d&) { return away; });
-  const double bridged = scene.solve(tight()).strain_energy;
+  const double bridged = solve(scene, tight()).strain_energy;
   mark_body_cells(scene.cloud, scene.points);
-  const Solution s = scene.solve(tight());
+  const Solution s = solve(scene, tight());
   EXPECT_LT(largest_difference(s.displacement, exact(scene, [&](const Vec3d& x) { return x.z < 4.5 * h ? Vec3d{} : away; })), tight().tolerance_mm);
   EXPECT_LT(s.strain_energy, 1e-6 * bridged);
   const double solid_bar = 3 * 25 * h * h * 25 / (2 * 9 * h);  // Young's modulus * area * stretch^2 / (2 length) [mN mm]
