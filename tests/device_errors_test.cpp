@@ -69,7 +69,7 @@ void expect_parts(const std::string& message, const std::vector<std::string>& pa
 
 TEST(DeviceErrors, AModelThatDoesNotFitIsRefusedBeforeMemoryIsTaken) {
   const Block block;
-  const double needed = block.mechanics(1e30).bytes();
+  const double needed = block.mechanics(1e30).free_bytes_needed();
   block.mechanics(needed);
   block.taken = 0;
   Failure failure{};

@@ -43,7 +43,8 @@ TEST_F(StepPerf, WritesResultsThatFitTogether) {
 
 TEST_F(StepPerf, SaysWhatIsWrong) {
   program::expect_refusal(program::run({"--sizes", "10", "--output", file("out")}, file("log")), 3, {"10 nodes", "at least 500"});
-  program::expect_refusal(program::run({"--device", "abacus", "--output", file("out")}, file("log")), 5, {"'abacus'", "--device cpu"});
+  program::expect_refusal(program::run({"--device", "abacus", "--output", file("out")}, file("log")), 2, {"'abacus'", "cuda:N"});
+  program::expect_refusal(program::run({"--device", "cuda:9999", "--output", file("out")}, file("log")), 5, {"cuda:9999", "--device cpu"});
 }
 
 }  // namespace

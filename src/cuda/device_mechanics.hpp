@@ -122,6 +122,8 @@ class DeviceMechanics : public Mechanics {
 
   int coarse_unknowns() const override { return coarse_ ? coarse_->tables.unknowns : 0; }
   double bytes() const override { return bytes_; }
+  /// What must be free before: also for code, stacks and graphs, and for what the allocator rounds up.
+  double free_bytes_needed() const { return 1.02 * bytes_ + 256e6; }
 
  private:
   struct SpringBuffers {
@@ -226,9 +228,8 @@ class DeviceMechanics : public Mechanics {
     const double of_constraints = constraint_matrices * model_.constraints->inverse_entries() * sizeof(Real);
     const double of_rows = double(rows.slot.size()) * (sizeof(float) + sizeof(std::int32_t)) + double(rows.size()) * sizeof(std::uint32_t);
     bytes_ = of_slots + of_points + of_tables + of_coarse + of_springs + of_constraints + of_rows;
-    constexpr double spare = 256e6, rounding = 1.02;  // code, stacks and graphs; of the allocator
-    if (const double free_bytes = device_.free_bytes(); rounding * bytes_ + spare > free_bytes)
-      fail(Failure::memory, "the model needs ", bytes_ / 1e9, " GB on the GPU (", model_.field->cloud().size(), " nodes: ", bytes_ / double(model_.field->cloud().size()),
+    if (const double free_bytes = device_.free_bytes(); free_bytes_needed() > free_bytes)
+      fail(Failure::memory, "the model needs ", free_bytes_needed() / 1e9, " GB on the GPU (", model_.field->cloud().size(), " nodes: ", bytes_ / double(model_.field->cloud().size()),
            " bytes per node, of which tables ", of_tables / 1e9, " GB), but only ", free_bytes / 1e9, " GB are free; use a larger node spacing, or --device cpu");
   }
   void make_nodes() {
