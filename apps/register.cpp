@@ -72,10 +72,6 @@ PointData at_nodes(const std::string& name, const Cloud& cloud, const Volume<T>&
   return data;
 }
 
-Json describe(const JacobianStatistics& s) {
-  return {{"min", s.minimum}, {"percentile_1", s.percentile_1}, {"median", s.median}, {"percentile_99", s.percentile_99}, {"max", s.maximum}, {"folded_voxels", s.folded}, {"voxels", s.voxels}};
-}
-
 /// Where edges are compared: around what the deformed moving body covers of the fixed image.
 Mask evaluation_region(const Mask& covered) { return dilate(covered, evaluation_margin_mm); }
 

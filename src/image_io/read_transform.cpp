@@ -1,0 +1,73 @@
+#include <itkDisplacementFieldTransform.h>
+#include <itkHDF5TransformIO.h>
+#include <itkMatlabTransformIO.h>
+#include <itkTransformFileReader.h>
+#include <itkTxtTransformIO.h>
+
+#include <memory>
+
+#include "core/error.hpp"
+#include "image_io/formats.hpp"
+#include "image_io/image_io.hpp"
+#include "imaging/itk_bridge.hpp"
+
+namespace mtled {
+namespace {
+
+using Transform = itk::Transform<double, 3, 3>;
+using FieldTransform = itk::DisplacementFieldTransform<double, 3>;
+
+itk::TransformIOBaseTemplate<double>::Pointer io_for(const std::filesystem::path& path) {
+  const auto ends_in = [&](auto... extensions) { return (has_extension(path, extensions) || ...); };
+  if (ends_in(".h5", ".hdf5")) return itk::HDF5TransformIOTemplate<double>::New().GetPointer();
+  if (ends_in(".tfm", ".txt", ".xfm")) return itk::TxtTransformIOTemplate<double>::New().GetPointer();
+  if (ends_in(".mat")) return itk::MatlabTransformIOTemplate<double>::New().GetPointer();
+  fail(Failure::input, "its format is not supported; use .h5, .tfm, .txt, .xfm or .mat for a transform, .nrrd, .mha or .nii.gz for a displacement field");
+}
+
+DisplacementFunction within(std::shared_ptr<const VectorImage> field) {
+  return [field](const Vec3d& y, Vec3d& v) { return linear_value(*field, y, v); };
+}
+
+/// The field of ITK's transform in single precision, so that its border is known.
+std::shared_ptr<const VectorImage> field_of(const FieldTransform& transform) {
+  const FieldTransform::DisplacementFieldType& image = *transform.GetDisplacementField();
+  auto field = std::make_shared<VectorImage>(grid_of(image));
+  const auto* v = image.GetBufferPointer();
+  for (std::size_t voxel = 0; voxel < field->data.size(); ++voxel) field->data[voxel] = {float(v[voxel][0]), float(v[voxel][1]), float(v[voxel][2])};
+  return field;
+}
+
+DisplacementFunction read_itk_transform(const std::filesystem::path& path) {
+  require(std::filesystem::exists(path), "there is no such file; check the name and the folder");
+  require(std::filesystem::is_regular_file(path), "it is a folder; give a file");
+  silence_libraries();
+  const auto io = io_for(path);
+  require(io->CanReadFile(path.c_str()), "it is damaged or of another format; check that its extension tells the format");
+  const auto reader = itk::TransformFileReaderTemplate<double>::New();
+  reader->SetFileName(path.string());
+  reader->SetTransformIO(io);
+  reader->Update();
+  const auto& transforms = *reader->GetModifiableTransformList();
+  require(transforms.size() == 1, "it holds ", transforms.size(), " transforms and does not say how they follow each other; write them as one composite transform");
+  const Transform::ConstPointer transform = dynamic_cast<const Transform*>(transforms.front().GetPointer());
+  require(transform.IsNotNull(), "it is no 3-D transform but ", transforms.front()->GetTransformTypeAsString(), "; give a transform of 3-D points");
+  if (const auto* field = dynamic_cast<const FieldTransform*>(transform.GetPointer())) return within(field_of(*field));
+  return [transform](const Vec3d& y, Vec3d& v) {
+    Transform::InputPointType point;
+    for (int a = 0; a < 3; ++a) point[unsigned(a)] = y[a];
+    const Transform::OutputPointType image = transform->TransformPoint(point);
+    v = Vec3d{image[0], image[1], image[2]} - y;
+    return true;
+  };
+}
+
+}  // namespace
+
+DisplacementFunction read_transform(const std::filesystem::path& path, const std::string& describe) {
+  if (format_of(path) != Format::unknown) return within(std::make_shared<VectorImage>(read_vector_image(path, describe)));
+  return with_context(concatenate("reading ", describe, " '", path.string(), "'"),
+                      [&] { return translating_errors(Failure::input, "check that it is a complete transform file", [&] { return read_itk_transform(path); }); });
+}
+
+}  // namespace mtled
