@@ -264,7 +264,7 @@ void run(CLI::App& verb, EvaluateOptions& options) {
   if (before) candidates.push_back({"before", &*before});
   if (warped) candidates.push_back({"after", &*warped});
   for (const NamedImage& c : candidates) report["correlation"][c.name] = correlation(fixed, *c.image, where);
-  if (!candidates.empty()) report["edges"] = compare_edges_of(fixed, candidates, canny, where, options.slices ? EdgeSpace::slices : EdgeSpace::volume);
+  if (!candidates.empty()) report["edges"] = compare_edges_of(fixed, candidates, canny, where, moving ? &moving->grid : nullptr, options.slices ? EdgeSpace::slices : EdgeSpace::volume);
   report_labels(options, fixed.grid, maps, identity, report);
   report_landmarks(landmarks, maps, report);
   if (maps.field) report_field(mask, maps, report);
@@ -285,7 +285,7 @@ void add_evaluate(CLI::App& program) {
   verb->add_option("--fixed,-f", options->fixed, "fixed image")->type_name("IMAGE");
   verb->add_option("--moving,-m", options->moving, "moving image: shows what it was before, and is warped by the transform")->type_name("IMAGE");
   verb->add_option("--warped,-w", options->warped, "moving image warped onto the fixed grid, by any program")->type_name("IMAGE");
-  verb->add_option("--transform,-t", options->transform, "map of points of the fixed to the moving image: .h5, .tfm, .txt, .xfm, .mat as ITK writes them, or a displacement field (.nrrd, .mha, .nii.gz) [mm, LPS]")->type_name("FILE");
+  verb->add_option("--transform,-t", options->transform, "map of points of the fixed to the moving image: .h5, .tfm, .txt, .mat as ITK writes them, or a displacement field (.nrrd, .mha, .nii.gz) [mm, LPS]")->type_name("FILE");
   verb->add_option("--inverse-transform", options->inverse_transform, "map of points of the moving to the fixed image; alone, its inverse is computed")->type_name("FILE");
   verb->add_option("--result,-r", options->result, "output folder of `mtled register`: both transforms")->type_name("DIR");
   verb->add_option("--mask", options->mask, "compare edges and look at the field only here (fixed image)")->type_name("IMAGE");

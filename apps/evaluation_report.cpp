@@ -31,7 +31,7 @@ std::string next_cell(const Json& value) { return value.is_null() ? "," : concat
 }  // namespace
 
 Json describe(const EdgeDistance& d) {
-  Json j{{"edge_voxels", {d.edges_a, d.edges_b}}, {"unmatched_voxels", {d.unmatched_a, d.unmatched_b}}};
+  Json j{{"edge_voxels", {d.edges_a, d.edges_b}}, {"unmatched_voxels", {d.unmatched_a, d.unmatched_b}}, {"two_voxels_mm", d.two_voxels_mm}};
   if (!d.comparable()) {
     for (const char* key : {"consistent_fraction", "percent", "hausdorff_mm", "hausdorff_all_edges_mm", "mean_mm", "modified_hausdorff_mm", "within_two_voxels", "within_two_voxels_all_edges",
                             "hausdorff_1_to_100_mm", "hausdorff_1_to_100_all_edges_mm"})
@@ -72,14 +72,14 @@ Json describe(const std::vector<LabelOverlap>& overlap) {
   return j;
 }
 
-Json compare_edges_of(const Image& fixed, const std::vector<NamedImage>& candidates, const CannyOptions& canny, const Mask& where, EdgeSpace space) {
+Json compare_edges_of(const Image& fixed, const std::vector<NamedImage>& candidates, const CannyOptions& canny, const Mask& where, const Grid* source, EdgeSpace space) {
   const auto find_edges = space == EdgeSpace::slices ? canny_edges_of_slices : canny_edges;
   const Mask edges = find_edges(fixed, canny, &where);
-  const auto& spacing = fixed.grid.spacing;
-  const double largest_voxel = std::max({spacing.x, spacing.y, space == EdgeSpace::slices ? 0 : spacing.z});
+  const auto largest_spacing = [&](const Grid& g) { return std::max({g.spacing.x, g.spacing.y, space == EdgeSpace::slices ? 0 : g.spacing.z}); };
+  const double largest_voxel = largest_spacing(fixed.grid), source_voxel = source ? largest_spacing(*source) : 0;
   Json j = Json::object();
   for (const NamedImage& c : candidates) {
-    const EdgeDistance d = compare_edges(edges, find_edges(*c.image, canny, &where), largest_voxel, space);
+    const EdgeDistance d = compare_edges(edges, find_edges(*c.image, canny, &where), largest_voxel, space, source_voxel);
     if (!d.comparable())
       warn(concatenate(c.name, ": no edges to compare (", d.edges_a, " edge voxels in the fixed image, ", d.edges_b, " in the other); lower --canny-lower and --canny-upper, or check the images and their mask"));
     j[c.name] = describe(d);

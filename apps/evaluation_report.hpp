@@ -23,12 +23,12 @@ Json describe(const PointErrors& e);
 Json describe(const std::vector<LabelOverlap>& overlap);
 
 /// Edge distances between the fixed image and each named candidate on the fixed grid, inside `where`. Warns of images
-/// without edges.
+/// without edges. `source`: grid of the moving image, if it is known, whose voxels count in `within two voxels`.
 struct NamedImage {
   std::string name;
   const Image* image;
 };
-Json compare_edges_of(const Image& fixed, const std::vector<NamedImage>& candidates, const CannyOptions& canny, const Mask& where, EdgeSpace space = EdgeSpace::volume);
+Json compare_edges_of(const Image& fixed, const std::vector<NamedImage>& candidates, const CannyOptions& canny, const Mask& where, const Grid* source, EdgeSpace space = EdgeSpace::volume);
 
 /// One line per candidate for the terminal: percentile Hausdorff distances of consistent edges and how many these are,
 /// and the share of edges within two voxels, of the consistent ones and of all (the consistency filter hides large errors).

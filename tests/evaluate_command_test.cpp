@@ -241,6 +241,41 @@ TEST_F(Evaluate, BadInputIsExplained) {
   expect_refusal(run({"-w", file("fixed.nrrd"), "--moving-landmarks", "m.csv"}), usage, {"--fixed-landmarks is missing"});
 }
 
+TEST_F(Evaluate, HasTheSameBitsForAnyNumberOfThreads) {
+  const auto bytes = [&](const char* threads) {
+    Strings arguments = everything("-t", file("wrong.tfm"));
+    arguments.insert(arguments.end(), {"--threads", threads});
+    report(arguments);
+    return program::content(file("out/evaluation.json"));
+  };
+  EXPECT_EQ(bytes("1"), bytes("2"));
+}
+
+TEST_F(Evaluate, TheSourcesVoxelsCountInTwoVoxels) {
+  Grid coarse = grid;
+  coarse.size = {25, 20, 12}, coarse.spacing = {4, 4, 6};
+  Image moving(coarse);
+  fill(moving, [&](const Vec3d& y) { return float(1000 / (1 + std::exp(-depth(y, 0)))); });
+  write_image(file("coarse.nrrd"), moving);
+  EXPECT_EQ(report({"-w", file("fixed.nrrd")})["edges"]["after"]["two_voxels_mm"], 4);
+  EXPECT_EQ(report({"-m", file("coarse.nrrd"), "-t", file("right.tfm")})["edges"]["after"]["two_voxels_mm"], 12);
+}
+
+/// Two sessions of one patient; the figures are those of data/lung_pair/README.md for the mean translation of the landmarks.
+TEST_F(Evaluate, LandmarksOfTheLungPair) {
+  const fs::path data = fs::path(MTLED_SOURCE_DIR) / "data/lung_pair";
+  if (!fs::exists(data / "landmarks.csv")) GTEST_SKIP() << data << " has no landmarks.csv";
+  file("mean.tfm", transform({3.865824, 9.539098, -33.529412}));
+  const Json r = report({"-f", data / "followup.nii.gz", "-m", data / "baseline.nii.gz", "-t", file("mean.tfm"), "--landmarks", data / "landmarks.csv"})["landmarks"];
+  constexpr double last_digit = 0.05;
+  EXPECT_EQ(r["after"]["points"], 51);
+  EXPECT_NEAR(r["before"]["mean_mm"], 35.3, last_digit);
+  EXPECT_NEAR(r["before"]["percentile_95_mm"], 38.8, last_digit);
+  EXPECT_NEAR(r["after"]["mean_mm"], 4.2, last_digit);
+  EXPECT_NEAR(r["after"]["median_mm"], 4.0, last_digit);
+  EXPECT_NEAR(r["after"]["percentile_95_mm"], 7.9, last_digit);
+}
+
 /// A simulated MR image warped by a known field along y.
 TEST_F(Evaluate, KnownFieldOfBrainWeb) {
   const char* shared = std::getenv("MTLED_SHARED_DATA");

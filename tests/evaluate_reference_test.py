@@ -57,7 +57,8 @@ class Evaluate(unittest.TestCase):
         self.write("moving_labels.nrrd", image_of(self.labels, np.uint8))
         self.fixed_labels = ndimage.shift(self.labels, (1, -2, 3), order=0)
         self.write("fixed_labels.nrrd", image_of(self.fixed_labels, np.uint8))
-        self.write("field.nrrd", image_of(self.field, np.float32))
+        for name in ("field.nrrd", "field.mha", "field.nii.gz"):
+            self.write(name, image_of(self.field, np.float32))
 
     def write(self, name, image):
         sitk.WriteImage(image, str(self.folder / name))
@@ -142,16 +143,21 @@ class Evaluate(unittest.TestCase):
         spline = sitk.BSplineTransformInitializer(self.fixed, (4, 4, 4))
         spline.SetParameters(np.random.default_rng(1).normal(scale=2, size=len(spline.GetParameters())))
         points = np.array([self.fixed.TransformContinuousIndexToPhysicalPoint(c) for c in np.random.default_rng(2).uniform(8, 20, (30, 3))])
+        for name in ("field.nrrd", "field.mha", "field.nii.gz"):
+            self.compare_with(name, self.transform, points)
         for name, transform in {"a.tfm": affine, "a.mat": affine, "a.h5": affine, "b.h5": spline, "b.tfm": spline, "f.h5": self.transform,
                                 "c.h5": sitk.CompositeTransform([affine, spline]), "c.tfm": sitk.CompositeTransform([spline, affine])}.items():
             sitk.WriteTransform(transform, str(self.folder / name))
-            there = np.array([transform.TransformPoint(p) for p in points])
-            for file, rows in {"fixed.csv": points, "there.csv": there}.items():
-                np.savetxt(self.folder / file, rows, delimiter=",", header="x,y,z", comments="", fmt="%.12g")
-            landmarks = self.evaluate("-t", name, "--fixed-landmarks", "fixed.csv", "--moving-landmarks", "there.csv")["landmarks"]
-            self.assertEqual(landmarks["after"]["points"], len(points), name)
-            self.assertLess(landmarks["after"]["max_mm"], FLOAT_ROUNDING, name)
-            self.assertGreater(landmarks["before"]["mean_mm"], 0.5, name)
+            self.compare_with(name, transform, points)
+
+    def compare_with(self, name, transform, points):
+        there = np.array([transform.TransformPoint(p) for p in points])
+        for file, rows in {"fixed.csv": points, "there.csv": there}.items():
+            np.savetxt(self.folder / file, rows, delimiter=",", header="x,y,z", comments="", fmt="%.12g")
+        landmarks = self.evaluate("-t", name, "--fixed-landmarks", "fixed.csv", "--moving-landmarks", "there.csv")["landmarks"]
+        self.assertEqual(landmarks["after"]["points"], len(points), name)
+        self.assertLess(landmarks["after"]["max_mm"], FLOAT_ROUNDING, name)
+        self.assertGreater(landmarks["before"]["mean_mm"], 0.5, name)
 
 
 if __name__ == "__main__":

@@ -142,6 +142,7 @@ TEST(CompareEdges, OfShiftedPlanesIsTheShift) {
   EXPECT_NEAR(result.mean_mm, 6, 1e-9);
   EXPECT_NEAR(result.modified_hausdorff_mm, 6, 1e-9);
   EXPECT_EQ(result.within_two_voxels, 0);  // 6 mm is not less than twice 3 mm
+  EXPECT_EQ(compare_edges(a, b, 0, EdgeSpace::volume, 3.1).within_two_voxels, 1);  // but less than two of the source's voxels
 
   Mask far(grid);
   add_plane(far, 16);

@@ -108,7 +108,8 @@ TEST_F(ReadTransform, RefusesWithAReason) {
   refused(file("flat.tfm"), {"3-D"});
   write_displacement_transform(file("cut.h5"), VectorImage(testing_files::oblique_grid()));
   std::filesystem::resize_file(file("cut.h5"), std::filesystem::file_size(file("cut.h5")) / 2);
-  refused(file("cut.h5"), {"cut.h5"});
+  refused(file("cut.h5"), {"cut.h5", "cut off"});
+  refused(file("TransformParameters.0.txt", "(Transform \"EulerTransform\")\n"), {"elastix", "transformix"});
 }
 
 }  // namespace

@@ -4,11 +4,16 @@
 #include <itkTransformFileReader.h>
 #include <itkTxtTransformIO.h>
 
+#include <cstdint>
+#include <cstring>
+#include <fstream>
 #include <memory>
+#include <string>
 
 #include "core/error.hpp"
 #include "image_io/formats.hpp"
 #include "image_io/image_io.hpp"
+#include "image_io/stored_bytes.hpp"
 #include "imaging/itk_bridge.hpp"
 
 namespace mtled {
@@ -17,12 +22,34 @@ namespace {
 using Transform = itk::Transform<double, 3, 3>;
 using FieldTransform = itk::DisplacementFieldTransform<double, 3>;
 
+/// Whether an HDF5 file is as long as its superblock says (HDF5 file format, versions 0, 2 and 3, addresses of 8 bytes); the
+/// library would report one that is cut off with a page of its own.
+void check_hdf5(const std::filesystem::path& path) {
+  std::ifstream stream(path, std::ios::binary);
+  unsigned char head[48]{};
+  stream.read(reinterpret_cast<char*>(head), sizeof head);
+  require(std::memcmp(head, "\x89HDF\r\n\x1a\n", 8) == 0, "it is damaged or of another format; check that its extension tells the format");
+  const int version = head[8], address_bytes = head[version < 2 ? 13 : 9], end_of_file = version == 0 ? 40 : 28;
+  if (version > 3 || version == 1 || address_bytes != 8) return;
+  std::uint64_t needed = 0;
+  for (int byte = 7; byte >= 0; --byte) needed = needed << 8 | head[end_of_file + byte];
+  require_complete(stored_bytes(path, 0), needed);
+}
+
+/// ITK takes any text for a transform file and fails somewhere inside.
+void check_text(const std::filesystem::path& path) {
+  std::ifstream stream(path);
+  std::string first;
+  std::getline(stream, first);
+  require(first.starts_with("#Insight Transform File"), "it is no transform file of ITK (no '#Insight Transform File' in its first line); of an elastix result, give the displacement field that `transformix -def all` writes");
+}
+
 itk::TransformIOBaseTemplate<double>::Pointer io_for(const std::filesystem::path& path) {
   const auto ends_in = [&](auto... extensions) { return (has_extension(path, extensions) || ...); };
-  if (ends_in(".h5", ".hdf5")) return itk::HDF5TransformIOTemplate<double>::New().GetPointer();
-  if (ends_in(".tfm", ".txt", ".xfm")) return itk::TxtTransformIOTemplate<double>::New().GetPointer();
+  if (ends_in(".h5", ".hdf5")) return check_hdf5(path), itk::HDF5TransformIOTemplate<double>::New().GetPointer();
+  if (ends_in(".tfm", ".txt")) return check_text(path), itk::TxtTransformIOTemplate<double>::New().GetPointer();
   if (ends_in(".mat")) return itk::MatlabTransformIOTemplate<double>::New().GetPointer();
-  fail(Failure::input, "its format is not supported; use .h5, .tfm, .txt, .xfm or .mat for a transform, .nrrd, .mha or .nii.gz for a displacement field");
+  fail(Failure::input, "its format is not supported; use .h5, .tfm, .txt or .mat for a transform, .nrrd, .mha or .nii.gz for a displacement field");
 }
 
 DisplacementFunction within(std::shared_ptr<const VectorImage> field) {

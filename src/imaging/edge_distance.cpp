@@ -80,11 +80,12 @@ std::vector<double> percentile_curve(std::vector<double> a, std::vector<double> 
 
 }  // namespace
 
-EdgeDistance compare_edges(const Mask& edges_a, const Mask& edges_b, double round_trip_mm, EdgeSpace space) {
+EdgeDistance compare_edges(const Mask& edges_a, const Mask& edges_b, double round_trip_mm, EdgeSpace space, double source_voxel_mm) {
   require(round_trip_mm >= 0, "round-trip distance is ", round_trip_mm, " mm; give zero or a positive distance");
   require(space == EdgeSpace::volume || same_grid(edges_a.grid, edges_b.grid), "edges of slices lie on different grids; resample one image to the other");
   const auto a = edge_points(edges_a, space), b = edge_points(edges_b, space);
   EdgeDistance result;
+  result.two_voxels_mm = 2 * std::max({largest_spacing(edges_a.grid, space), largest_spacing(edges_b.grid, space), source_voxel_mm});
   Directed ab, ba;
   for (std::size_t g = 0; g < a.size(); ++g) {
     result.edges_a += a[g].size();
@@ -104,9 +105,8 @@ EdgeDistance compare_edges(const Mask& edges_a, const Mask& edges_b, double roun
   result.mean_mm = std::max(mean(ab.consistent), mean(ba.consistent));
   result.modified_hausdorff_mm =
       std::max(mean_up_to(ab.all, largest_counted_mm), mean_up_to(ba.all, largest_counted_mm));
-  const double two_voxels = 2 * std::max(largest_spacing(edges_a.grid, space), largest_spacing(edges_b.grid, space));
-  result.within_two_voxels = count_below(ab.consistent, ba.consistent, two_voxels) / double(ab.consistent.size() + ba.consistent.size());
-  result.within_two_voxels_all = count_below(ab.all, ba.all, two_voxels) / double(result.edges_a + result.edges_b);
+  result.within_two_voxels = count_below(ab.consistent, ba.consistent, result.two_voxels_mm) / double(ab.consistent.size() + ba.consistent.size());
+  result.within_two_voxels_all = count_below(ab.all, ba.all, result.two_voxels_mm) / double(result.edges_a + result.edges_b);
   result.curve_mm = percentile_curve(std::move(ab.consistent), std::move(ba.consistent));
   result.curve_all_mm = percentile_curve(std::move(ab.all), std::move(ba.all));
   for (const int percent : reported_percents) {

@@ -39,8 +39,8 @@ struct EdgeDistance {
   double mean_mm = 0;                    ///< mean distance, max of both directions, consistent edges
   double modified_hausdorff_mm = 0;      ///< M-HD (Sim, Kwon, Park 1999): mean of min(d, 10 mm), max of both
                                          ///< directions, all edges
-  double within_two_voxels = 0;          ///< fraction of consistent edges (both directions pooled) closer than
-                                         ///< twice the largest voxel spacing of either grid
+  double two_voxels_mm = 0;              ///< twice the largest voxel spacing of either grid, or of the source
+  double within_two_voxels = 0;          ///< fraction of consistent edges (both directions pooled) closer than that
   double within_two_voxels_all = 0;      ///< the same for all edges; unmatched ones count as far
 };
 /// Where the nearest edge is looked for: anywhere, or in the same slice along k. Edges of a slice are those of
@@ -49,8 +49,9 @@ enum class EdgeSpace { volume, slices };
 
 /// `round_trip_mm`: x is consistent when nearest_a(nearest_b(x)) lies within it, or x itself is as near. The grids may
 /// differ, but not by slices. When a set is empty, or no slice has edges of both, there are no distances: the lists are
-/// empty, and the means and fractions are 0.
-EdgeDistance compare_edges(const Mask& edges_a, const Mask& edges_b, double round_trip_mm, EdgeSpace space = EdgeSpace::volume);
+/// empty, and the means and fractions are 0. `source_voxel_mm`: largest spacing of the image that one of the two was
+/// resampled from; 0 if neither was.
+EdgeDistance compare_edges(const Mask& edges_a, const Mask& edges_b, double round_trip_mm, EdgeSpace space = EdgeSpace::volume, double source_voxel_mm = 0);
 
 /// Distances of corresponding points [mm]; percentiles as above.
 struct PointErrors {
