@@ -181,6 +181,7 @@ void report_labels(const EvaluateOptions& options, const Grid& fixed, const Maps
 void report_field(const Mask& mask, const Maps& maps, Json& report) {
   const Mask where = intersection(mask, maps.field->covered);
   report["field"]["jacobian"] = describe(jacobian_statistics(maps.field->displacement, where));
+  if (const std::size_t folded = report["field"]["jacobian"]["folded_voxels"]; folded > 0) note(report, concatenate("the transform folds at ", folded, " voxels (determinant at most 0); it has no inverse there"));
   if (maps.back && !maps.computed_inverse) report["field"]["inverse_consistency"] = describe(inverse_consistency(*maps.field, maps.back, where));
 }
 

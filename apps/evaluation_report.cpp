@@ -81,7 +81,7 @@ Json compare_edges_of(const Image& fixed, const std::vector<NamedImage>& candida
   for (const NamedImage& c : candidates) {
     const EdgeDistance d = compare_edges(edges, find_edges(*c.image, canny, &where), largest_voxel, space, source_voxel);
     if (!d.comparable())
-      warn(concatenate(c.name, ": no edges to compare (", d.edges_a, " edge voxels in the fixed image, ", d.edges_b, " in the other); lower --canny-lower and --canny-upper, or check the images and their mask"));
+      warn(concatenate(c.name, ": no edges to compare (", d.edges_a, " edge voxels in the fixed image, ", d.edges_b, " in the other); lower --canny-lower and --canny-upper, which are meant for CT (HU per mm), or check the images and their mask"));
     j[c.name] = describe(d);
   }
   return j;

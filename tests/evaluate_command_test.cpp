@@ -64,7 +64,7 @@ class Evaluate : public TemporaryFolder {
   Json report(Strings more) {
     const Outcome outcome = run(std::move(more));
     EXPECT_EQ(outcome.code, 0) << outcome.err;
-    EXPECT_EQ((outcome.out + outcome.err).find("nan"), std::string::npos) << outcome.out << outcome.err;
+    for (const char* no_number : {" nan", "-nan", "inf "}) EXPECT_EQ((outcome.out + outcome.err).find(no_number), std::string::npos) << outcome.out << outcome.err;
     printed = outcome.out, said = outcome.err;
     return Json::parse(program::content(file("out/evaluation.json")));
   }
@@ -217,6 +217,18 @@ TEST_F(Evaluate, SingleSlices) {
   EXPECT_GT(r["edges"]["before"]["hausdorff_all_edges_mm"][3], 2);
   EXPECT_TRUE(r["field"]["jacobian"]["sd_log_learn2reg"].is_null());
   expect_refusal(run({"-f", file("fixed_slice.nrrd"), "-m", file("moving.nrrd")}), input, {"single slice"});
+}
+
+TEST_F(Evaluate, FoldsAreCountedAndSaid) {
+  VectorImage field(grid);
+  for (int k = 0; k < grid.size[2]; ++k)
+    for (int j = 0; j < grid.size[1]; ++j)
+      for (int i = 20; i < 25; ++i) field.at(i, j, k).x = 8;  // ends within 2 mm: 1 - 8 / 4 at the voxels on both sides of that
+  write_vector_image(file("fold.nrrd"), field);
+  const Json r = report(with_moving({"-t", file("fold.nrrd")}));
+  EXPECT_EQ(r["field"]["jacobian"]["folded_voxels"], 2 * grid.size[1] * grid.size[2]);
+  EXPECT_EQ(r["field"]["jacobian"]["min"], -1);
+  EXPECT_NE(said.find("folds at"), std::string::npos) << said;
 }
 
 TEST_F(Evaluate, BadInputIsExplained) {

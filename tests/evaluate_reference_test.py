@@ -20,6 +20,9 @@ except ImportError as error:
     sys.exit(77)
 
 ROUNDING = 1e-6  # of numbers that both compute in double precision from the same voxels
+# Canny edges of two programs: Gaussians by recursion and by sampling differ, and a few edges fall elsewhere by a voxel.
+EDGE_COUNT = 0.03  # relative; measured 0.6 and 1.7 %
+EDGE_DISTANCE = 0.3  # mm, of percentiles 60 to 95; measured 0.17
 FLOAT_ROUNDING = 2e-5  # of determinants and distances of displacements kept in single precision
 SPACING = (1.5, 1.2, 2.0)  # mm, x y z
 
@@ -90,17 +93,17 @@ class Evaluate(unittest.TestCase):
             distance = ndimage.distance_transform_edt(~surfaces[1], sampling=SPACING[::-1])[surfaces[0]]
             self.assertAlmostEqual(np.percentile(distance, 95), np.percentile(ab, 95), delta=ROUNDING)
 
-    def test_largest_edge_distance_is_the_hausdorff_distance(self):
+    def test_edges_and_their_percentile_hausdorff_distances(self):
         report = self.evaluate("-m", "moving.nrrd", "-w", "fixed.nrrd", "--canny-sigma", "2.4")
         before = report["edges"]["before"]
         self.assertGreater(min(before["edge_voxels"]), 500)
         a, b = (self.canny(array, 2.4) for array in (sitk.GetArrayFromImage(self.fixed), self.moving))
         for mine, other in zip(before["edge_voxels"], (a, b)):
-            self.assertLess(abs(mine - other.sum()) / other.sum(), 0.03)  # Gaussians by recursion and by sampling differ
+            self.assertLess(abs(mine - other.sum()) / other.sum(), EDGE_COUNT)
         reference = np.sort(cKDTree(self.points(b)).query(self.points(a))[0]), np.sort(cKDTree(self.points(a)).query(self.points(b))[0])
         for percent in (60, 75, 85, 95):
             mine = before["hausdorff_1_to_100_all_edges_mm"][percent - 1]
-            self.assertLess(abs(mine - max(np.percentile(r, percent) for r in reference)), 0.5 * max(SPACING))  # a few edges fall elsewhere by a voxel
+            self.assertLess(abs(mine - max(np.percentile(r, percent) for r in reference)), EDGE_DISTANCE)
 
     def canny(self, array, sigma):
         """3-D Canny edges by SciPy: gradient per mm, maximum along it, hysteresis."""
