@@ -6,6 +6,8 @@
 #include <itkTranslationTransform.h>
 #include <itkTxtTransformIO.h>
 
+#include <limits>
+
 #include "image_files.hpp"
 #include "image_io/image_io.hpp"
 #include "temporary_folder.hpp"
@@ -109,6 +111,12 @@ TEST_F(ReadTransform, RefusesWithAReason) {
   write_displacement_transform(file("cut.h5"), VectorImage(testing_files::oblique_grid()));
   std::filesystem::resize_file(file("cut.h5"), std::filesystem::file_size(file("cut.h5")) / 2);
   refused(file("cut.h5"), {"cut.h5", "cut off"});
+  VectorImage unbounded(testing_files::oblique_grid());
+  unbounded.at(3, 2, 1).y = std::numeric_limits<float>::infinity();
+  write_displacement_transform(file("inf.h5"), unbounded);
+  refused(file("inf.h5"), {"(3, 2, 1)"});
+  refused(file("bad.mat", "one matrix of many rows and columns"), {"damaged", ".tfm"});
+  refused(file("empty.mat", ""), {"damaged"});
   refused(file("TransformParameters.0.txt", "(Transform \"EulerTransform\")\n"), {"elastix", "transformix"});
 }
 

@@ -14,6 +14,7 @@
 #include "image_io/formats.hpp"
 #include "image_io/image_io.hpp"
 #include "image_io/stored_bytes.hpp"
+#include "image_io/voxels.hpp"
 #include "imaging/itk_bridge.hpp"
 
 namespace mtled {
@@ -36,6 +37,14 @@ void check_hdf5(const std::filesystem::path& path) {
   require_complete(stored_bytes(path, 0), needed);
 }
 
+/// Whether a Matlab file (level 4, as ITK and ANTs write) holds the matrix that it announces; ITK would ask for its memory.
+void check_matlab(const std::filesystem::path& path) {
+  std::ifstream stream(path, std::ios::binary);
+  std::uint32_t head[3]{};  // type, rows, columns
+  stream.read(reinterpret_cast<char*>(head), sizeof head);
+  require(stream.good() && std::uint64_t(head[1]) * head[2] * sizeof(float) <= std::filesystem::file_size(path), "it is damaged, or no transform that ITK or ANTs wrote; copy it again or convert it to .tfm");
+}
+
 /// ITK takes any text for a transform file and fails somewhere inside.
 void check_text(const std::filesystem::path& path) {
   std::ifstream stream(path);
@@ -48,7 +57,7 @@ itk::TransformIOBaseTemplate<double>::Pointer io_for(const std::filesystem::path
   const auto ends_in = [&](auto... extensions) { return (has_extension(path, extensions) || ...); };
   if (ends_in(".h5", ".hdf5")) return check_hdf5(path), itk::HDF5TransformIOTemplate<double>::New().GetPointer();
   if (ends_in(".tfm", ".txt")) return check_text(path), itk::TxtTransformIOTemplate<double>::New().GetPointer();
-  if (ends_in(".mat")) return itk::MatlabTransformIOTemplate<double>::New().GetPointer();
+  if (ends_in(".mat")) return check_matlab(path), itk::MatlabTransformIOTemplate<double>::New().GetPointer();
   fail(Failure::input, "its format is not supported; use .h5, .tfm, .txt or .mat for a transform, .nrrd, .mha or .nii.gz for a displacement field");
 }
 
@@ -62,6 +71,7 @@ std::shared_ptr<const VectorImage> field_of(const FieldTransform& transform) {
   auto field = std::make_shared<VectorImage>(grid_of(image));
   const auto* v = image.GetBufferPointer();
   for (std::size_t voxel = 0; voxel < field->data.size(); ++voxel) field->data[voxel] = {float(v[voxel][0]), float(v[voxel][1]), float(v[voxel][2])};
+  require_finite(field->grid, field->data);
   return field;
 }
 
