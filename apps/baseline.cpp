@@ -29,8 +29,7 @@ struct BaselineCommand : CommonOptions {
 
 constexpr double inverse_tolerance_mm = 0.01;
 constexpr double body_margin_mm = 10;     ///< around the body: the skin's edge needs both sides
-constexpr double rigid_margin_mm = 10;    ///< around rigid bodies, where the refinement fades out
-constexpr double reduction = 0.8;         ///< of a refinement that folds, again and again
+constexpr double fading_mm = 10;          ///< around rigid bodies and folds, where a refinement fades out
 
 /// A displacement field from what it is at a point of its grid.
 template <class F>
@@ -70,27 +69,17 @@ void print_levels(const char* name, const std::vector<BaselineLevel>& levels) {
 struct Mechanics {
   VectorImage field;   ///< fixed -> moving
   Image warped;
-  Mask around_body;
+  Mask body, around_body;
   Image freedom;       ///< of a refinement: none in the rigid bodies
 };
 Mechanics read_result(const std::filesystem::path& result, const Image& fixed) {
-  Mechanics m{read_vector_image(result / "fixed_to_moving.nrrd", "displacement field of the start"), read_image(result / "warped.nii.gz", "warped image of the start"), {}, {}};
+  Mechanics m{read_vector_image(result / "fixed_to_moving.nrrd", "displacement field of the start"), read_image(result / "warped.nii.gz", "warped image of the start"), {}, {}, {}};
   require(same_grid(m.field.grid, fixed.grid) && same_grid(m.warped.grid, fixed.grid), "the result in '", result.string(),
           "' is on another grid than the fixed image; give the fixed image of that registration, and its --resample if it had one");
-  m.around_body = dilate(mask_on(fixed.grid, result / "warped_body.nii.gz", "warped body of the start"), body_margin_mm);
-  m.freedom = freedom_outside(labels_on(fixed.grid, result / "warped_labels.nii.gz", "warped labels of the start"), rigid_margin_mm);
+  m.body = mask_on(fixed.grid, result / "warped_body.nii.gz", "warped body of the start");
+  m.around_body = dilate(m.body, body_margin_mm);
+  m.freedom = freedom_outside(mask_on(fixed.grid, result / "warped_labels.nii.gz", "warped labels of the start"), fading_mm);
   return m;
-}
-
-/// The dense displacement f(y) b(y) of a refinement, with b reduced until that does not fold.
-VectorImage without_folds(const Mechanics& mechanics, FreeFormDeformation& deformation, double& kept) {
-  const Grid& grid = mechanics.field.grid;
-  for (kept = 1;; kept *= reduction) {
-    VectorImage b = field_on(grid, [&](const Vec3d& y) { return deformation.displacement(y); });
-    for (std::size_t v = 0; v < b.data.size(); ++v) b.data[v] = mechanics.freedom.data[v] * b.data[v];
-    if (jacobian_statistics(b, Mask(grid, 1)).folded == 0) return b;
-    for (Vec3d& c : deformation.coefficients) c = reduction * c;
-  }
 }
 
 void run(CLI::App& verb, const BaselineCommand& options) {
@@ -147,23 +136,19 @@ void run(CLI::App& verb, const BaselineCommand& options) {
   announce(options, "warping");
   VectorImage fixed_to_moving;
   if (mechanics) {
-    double kept;
-    const VectorImage b = without_folds(*mechanics, spline.deformation, kept);
-    summary["bspline"]["kept_fraction"] = kept;
-    if (kept < 1) warn(concatenate("the B-spline refinement folds; ", 100 * kept, " % of it is kept, which does not"));
-    fixed_to_moving = b;
-    for_each_voxel(b.grid, [&](int i, int j, int k, std::size_t voxel) {
-      Vec3d v;
-      const Vec3f& shift = b.data[voxel];
-      if (shift != Vec3f{} && linear_value(mechanics->field, b.grid.point(i, j, k) + Vec3d{shift.x, shift.y, shift.z}, v))
-        fixed_to_moving.data[voxel] += {float(v.x), float(v.y), float(v.z)};
-      else fixed_to_moving.data[voxel] = mechanics->field.data[voxel];
-    });
+    VectorImage b = field_on(pair.fixed.grid, [&](const Vec3d& y) { return spline.deformation.displacement(y); });
+    for (std::size_t v = 0; v < b.data.size(); ++v) b.data[v] = mechanics->freedom.data[v] * b.data[v];
+    int reductions;
+    fixed_to_moving = compose_without_folds(mechanics->field, b, mechanics->body, fading_mm, reductions);
+    summary["bspline"]["reductions"] = reductions;
+    if (reductions > 0) announce(options, concatenate("the B-spline refinement folded; it was halved there ", reductions, " times"));
   } else {
     fixed_to_moving = field_on(pair.fixed.grid, [&](const Vec3d& y) { return rigid.fixed_to_moving.apply(free_form ? y + spline.deformation.displacement(y) : y) - y; });
   }
-  const JacobianStatistics jacobian = jacobian_statistics(fixed_to_moving, Mask(pair.fixed.grid, 1));
+  const Mask counted = mechanics ? mechanics->body : Mask(pair.fixed.grid, 1);  // around a body that was deformed its field is made up
+  const JacobianStatistics jacobian = jacobian_statistics(fixed_to_moving, counted);
   summary["jacobian"] = describe(jacobian);
+  if (mechanics) summary["jacobian_of_start"] = describe(jacobian_statistics(mechanics->field, counted));
   if (jacobian.folded > 0) warn(concatenate("the deformation folds at ", jacobian.folded, " of ", jacobian.voxels, " voxels; results there are not to be trusted (fewer --mesh cells fold less)"));
   VectorImage moving_to_fixed;
   if (free_form) {

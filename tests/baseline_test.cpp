@@ -9,6 +9,7 @@
 #include "core/parallel.hpp"
 #include "imaging/itk_bridge.hpp"
 #include "imaging/mutual_information.hpp"
+#include "imaging/warp.hpp"
 #include "temporary_folder.hpp"
 #include "torso.hpp"
 
@@ -238,7 +239,7 @@ TEST(Baseline, IsTheSameForAnyNumberOfThreadsAndDiffersWithTheSeed) {
 
 TEST(Baseline, NothingMovesWhereThereIsNoFreedom) {
   const Grid grid = torso::straight_grid();
-  const LabelImage labels = torso::fixed_labels(grid);
+  const Mask labels = torso::on_grid<std::uint8_t>(grid, torso::label_at);
   const Image freedom = freedom_outside(labels, 10);
   std::size_t free = 0, between = 0;
   for (std::size_t v = 0; v < labels.data.size(); ++v) {
@@ -251,6 +252,48 @@ TEST(Baseline, NothingMovesWhereThereIsNoFreedom) {
   const Image nowhere(grid, 0);
   const FreeFormBaseline found = register_free_form_baseline(torso::moving_image(grid), torso::fixed_image(grid), nullptr, {}, {4, 4, 4}, &nowhere, quick());
   for (const Vec3d& c : found.deformation.coefficients) ASSERT_EQ(norm(c), 0);
+}
+
+TEST(Compose, AppliesOneFieldAfterTheOther) {
+  const Grid grid = torso::oblique_grid();
+  const auto on = [&](const auto& u) {
+    VectorImage field(grid);
+    for (std::size_t n = 0; n < field.data.size(); ++n) {
+      const Vec3d d = u(GridView(grid).point_at(n));
+      field.data[n] = {float(d.x), float(d.y), float(d.z)};
+    }
+    return field;
+  };
+  const auto linear = [](const Vec3d& y) { return Vec3d{0.1 * y.y - 2, 0.05 * y.x + 0.02 * y.z, 3 - 0.1 * y.z}; };  // interpolated exactly
+  const VectorImage v = on(linear), b = on(bump), both = compose(v, b), alone = compose(v, VectorImage(grid));
+  const Vec3d y = grid.point(35, 30, 26), expected = bump(y) + linear(y + bump(y));
+  const Vec3f& found = both.at(35, 30, 26);
+  EXPECT_LT(norm(expected - Vec3d{found.x, found.y, found.z}), 1e-5);
+  EXPECT_EQ(alone.data, v.data);
+}
+
+TEST(Compose, HalvesWhatFoldsUntilNothingDoes) {
+  const Grid grid = torso::straight_grid();
+  const Mask body(grid, 1);
+  VectorImage v(grid), b(grid);
+  for (int k = 0; k < grid.size[2]; ++k)
+    for (int j = 0; j < grid.size[1]; ++j)
+      for (int i = 0; i < grid.size[0]; ++i) {
+        const Vec3d y = grid.point(i, j, k);
+        v.at(i, j, k) = {float(5 * std::sin(y.x / 20)), 1, 2};
+        b.at(i, j, k) = {float(30 * std::exp(-squared_norm(y) / 200) * std::sin(y.x / 5)), 0.5f, 0};  // slope up to 6
+      }
+  const VectorImage given = b;
+  ASSERT_EQ(jacobian_statistics(v, body).folded, 0u);
+  ASSERT_GT(jacobian_statistics(compose(v, b), body).folded, 10u);
+  int reductions = 0;
+  const VectorImage both = compose_without_folds(v, b, body, 10, reductions);
+  EXPECT_GE(reductions, 2);
+  EXPECT_EQ(jacobian_statistics(both, body).folded, 0u);
+  EXPECT_EQ(jacobian_statistics(b, body).folded, 0u);
+  EXPECT_EQ(both.data, compose(v, b).data);
+  EXPECT_EQ(b.at(2, 2, 2), given.at(2, 2, 2));  // far from the folds
+  EXPECT_LT(norm(Vec3d{b.at(31, 25, 20).x, 0, 0}), norm(Vec3d{given.at(31, 25, 20).x, 0, 0}));
 }
 
 TEST(Baseline, RefusesWhatCannotBeRegistered) {

@@ -17,6 +17,8 @@
 #include "imaging/mutual_information.hpp"
 #include "imaging/rigid_registration.hpp"
 #include "imaging/slices.hpp"
+#include "imaging/voxel_loop.hpp"
+#include "imaging/warp.hpp"
 
 namespace mtled {
 namespace {
@@ -263,23 +265,45 @@ FreeFormBaseline register_free_form_baseline(const Image& moving, const Image& f
   return result;
 }
 
-Image freedom_outside(const LabelImage& labels, double width_mm) {
-  using Filter = itk::SignedMaurerDistanceMapImageFilter<ItkImage<std::uint16_t>, ItkImage<float>>;
-  Image freedom(labels.grid, 1);
-  if (std::all_of(labels.data.begin(), labels.data.end(), [](auto label) { return label == 0; })) return freedom;
-  LabelImage marked(labels.grid);
-  for (std::size_t v = 0; v < marked.data.size(); ++v) marked.data[v] = labels.data[v] != 0;
+Image freedom_outside(const Mask& still, double width_mm) {
+  using Filter = itk::SignedMaurerDistanceMapImageFilter<ItkImage<std::uint8_t>, ItkImage<float>>;
+  Image freedom(still.grid, 1);
+  if (std::all_of(still.data.begin(), still.data.end(), [](auto s) { return s == 0; })) return freedom;
   auto filter = Filter::New();
-  filter->SetInput(view_as_itk(marked));
+  filter->SetInput(view_as_itk(still));
   filter->SetUseImageSpacing(true);
   filter->SetSquaredDistance(false);
   filter->Update();
-  const Image distance = volume_from_itk<float>(*filter->GetOutput());  // negative inside, 0 on the outermost voxels of the labels
+  const Image distance = volume_from_itk<float>(*filter->GetOutput());  // negative inside, 0 on the outermost voxels there
   for (std::size_t v = 0; v < freedom.data.size(); ++v) {
     const double t = std::clamp(distance.data[v] / width_mm, 0.0, 1.0);
     freedom.data[v] = float(t * t * (3 - 2 * t));
   }
   return freedom;
+}
+
+VectorImage compose(const VectorImage& v, const VectorImage& b) {
+  VectorImage both = v;
+  for_each_voxel(b.grid, [&](int i, int j, int k, std::size_t voxel) {
+    const Vec3f& shift = b.data[voxel];
+    const Vec3d z = b.grid.point(i, j, k) + Vec3d{shift.x, shift.y, shift.z};
+    Vec3d then;
+    if (shift != Vec3f{} && linear_value(v, z, then)) both.data[voxel] = shift + Vec3f{float(then.x), float(then.y), float(then.z)};
+  });
+  return both;
+}
+
+VectorImage compose_without_folds(const VectorImage& v, VectorImage& b, const Mask& body, double width_mm, int& reductions) {
+  const Mask everywhere(b.grid, 1), folded_already = folded_voxels(v, body);
+  for (reductions = 0;; ++reductions) {
+    const VectorImage both = compose(v, b);
+    const Mask of_both = folded_voxels(both, body);
+    Mask folded = folded_voxels(b, everywhere);
+    for (std::size_t n = 0; n < folded.data.size(); ++n) folded.data[n] |= of_both.data[n] && !folded_already.data[n];
+    if (std::none_of(folded.data.begin(), folded.data.end(), [](auto f) { return f != 0; })) return both;
+    const Image freedom = freedom_outside(folded, width_mm);
+    for (std::size_t n = 0; n < b.data.size(); ++n) b.data[n] = (0.5f + 0.5f * freedom.data[n]) * b.data[n];
+  }
 }
 
 }  // namespace mtled

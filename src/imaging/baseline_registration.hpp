@@ -53,7 +53,15 @@ struct FreeFormBaseline {
 FreeFormBaseline register_free_form_baseline(const Image& moving, const Image& fixed, const Mask* fixed_mask, const RigidMotion& start,
                                              const std::array<int, 3>& mesh, const Image* freedom, const BaselineOptions& options);
 
-/// 0 where `labels` is not 0, rising smoothly to 1 over `width_mm` around that.
-Image freedom_outside(const LabelImage& labels, double width_mm);
+/// 0 where `still` is 1, rising smoothly to 1 over `width_mm` around that.
+Image freedom_outside(const Mask& still, double width_mm);
+
+/// First y -> y + b(y), then z -> z + v(z), all on one grid: b(y) + v(y + b(y)), linear between voxels; v(y) where b(y) is 0
+/// or leads out of the grid.
+VectorImage compose(const VectorImage& v, const VectorImage& b);
+/// The same after b was reduced so that nothing folds: where b does, or the composition does in the `body` although v does
+/// not, b is halved there, less and less up to `width_mm` around, until that is so nowhere. `reductions`: how often. It ends:
+/// b only shrinks, and without it there is v alone.
+VectorImage compose_without_folds(const VectorImage& v, VectorImage& b, const Mask& body, double width_mm, int& reductions);
 
 }  // namespace mtled
