@@ -1,8 +1,10 @@
 #pragma once
 #include <filesystem>
 
+#include "core/motion.hpp"
 #include "core/volume.hpp"
 #include "imaging/figures.hpp"
+#include "imaging/free_form_deformation.hpp"
 #include "imaging/warp.hpp"
 
 namespace mtled {
@@ -36,6 +38,9 @@ void write_vector_image(const std::filesystem::path& path, const VectorImage& fi
 /// ITK displacement field transform (.h5, float32, not compressed), fixed -> moving, as 3D Slicer and
 /// antsApplyTransforms read it.
 void write_displacement_transform(const std::filesystem::path& path, const VectorImage& inverse_field);
+/// ITK transform (.tfm, text), fixed -> moving, for 3D Slicer and ITK: a rigid motion, or a composite of that motion after
+/// y -> y + b(y) with a B-spline b.
+void write_transform(const std::filesystem::path& path, const RigidMotion& fixed_to_moving, const FreeFormDeformation* deformation = nullptr);
 void write_png(const std::filesystem::path& path, const Picture& picture);
 
 }  // namespace mtled

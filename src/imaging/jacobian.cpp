@@ -109,4 +109,14 @@ JacobianStatistics jacobian_statistics(const VectorImage& displacement, const Ma
   return result;
 }
 
+Mask folded_voxels(const VectorImage& displacement, const Mask& where) {
+  const DeterminantAtVoxel determinant_at(displacement, where);
+  Mask folded(where.grid);
+  for_each_voxel(where.grid, [&](int i, int j, int k, std::size_t voxel) {
+    double value;
+    folded.data[voxel] = where.data[voxel] && determinant_at(i, j, k, voxel, value) && value <= 0;
+  });
+  return folded;
+}
+
 }  // namespace mtled

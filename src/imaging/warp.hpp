@@ -67,6 +67,8 @@ struct JacobianStatistics {
 /// direction. A voxel without a neighbour in `where` along some axis is not counted. Throws an input error when none
 /// counts or the grids differ.
 JacobianStatistics jacobian_statistics(const VectorImage& displacement, const Mask& where);
+/// 1 at the voxels that count as folded there; both on the same grid.
+Mask folded_voxels(const VectorImage& displacement, const Mask& where);
 
 /// Linear resampling over exactly the same extent, with the voxel spacing nearest to `spacing_mm` that divides it.
 Image resample(const Image& image, const Vec3d& spacing_mm);
