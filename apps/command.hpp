@@ -55,5 +55,6 @@ void add_classify(CLI::App& program);
 void add_motions(CLI::App& program);
 void add_warp(CLI::App& program);
 void add_evaluate(CLI::App& program);
+void add_baseline(CLI::App& program);
 
 }  // namespace mtled

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <optional>
 
 #include "core/error.hpp"
 #include "evaluation_report.hpp"
@@ -14,55 +15,288 @@ namespace mtled {
 namespace {
 
 struct EvaluateOptions : CommonOptions {
-  std::filesystem::path fixed, warped, mask, fixed_labels, warped_labels, result, output;
+  std::filesystem::path fixed, moving, warped, mask, fixed_labels, moving_labels, warped_labels, fixed_landmarks, moving_landmarks, transform, inverse_transform, result, output;
+  bool slices = false;
   EvaluationOptions evaluation;
 };
 
-/// The landmarks' moving points, where the result of a registration puts them if there is one.
-PointErrors landmark_errors(const EvaluateOptions& options) {
-  std::vector<Vec3d> points = read_points(options.evaluation.landmarks, {"mx", "my", "mz"});
-  if (!options.result.empty()) {
-    const VectorImage field = read_vector_image(options.result / "moving_to_fixed.nrrd", "displacement field");
-    points = warp_points(points, [](const Vec3d&, Vec3d&) { return false; }, field);
-    const auto outside = std::count_if(points.begin(), points.end(), [](const Vec3d& x) { return std::isnan(x.x); });
-    require(outside == 0, outside, " of ", points.size(), " landmarks in '", options.evaluation.landmarks.string(), "' lie outside the moving image; remove them");
-  }
-  return with_context(options.evaluation.landmarks.string(), [&] { return point_errors(points, read_points(options.evaluation.landmarks, {"fx", "fy", "fz"})); });
+constexpr double much_better = 0.5;       ///< the inverse is suspected when it leaves less than this part of the misfit
+constexpr double enough_overlap = 0.05;   ///< of the voxels, for a comparison of the two directions
+constexpr std::size_t rows_to_name = 10;  ///< of landmarks, in messages
+
+/// The map fixed -> moving and, if it is known, moving -> fixed.
+struct Maps {
+  DisplacementFunction there, back;
+  std::optional<DenseField> field;  ///< `there` on the fixed grid
+  bool computed_inverse = false;    ///< `there` was computed from `back`
+};
+
+void note(Json& report, const std::string& text) {
+  warn(text);
+  report["warnings"].push_back(text);
 }
 
-void run(CLI::App& verb, const EvaluateOptions& options) {
+bool inside(const Grid& grid, const Vec3d& point) {
+  const Vec3d c = grid.index(point);
+  bool in = true;
+  for (int a = 0; a < 3; ++a) in = in && c[a] >= -0.5 && c[a] <= grid.size[a] - 0.5;
+  return in;
+}
+
+std::size_t count(const Mask& mask) { return std::size_t(std::count_if(mask.data.begin(), mask.data.end(), [](auto v) { return v != 0; })); }
+
+Mask intersection(Mask a, const Mask& b) {
+  for (std::size_t v = 0; v < a.data.size(); ++v) a.data[v] = a.data[v] && b.data[v];
+  return a;
+}
+
+std::size_t axes_of_one_voxel(const Grid& grid) { return std::size_t(std::count(grid.size.begin(), grid.size.end(), 1)); }
+
+Maps read_maps(EvaluateOptions& options, const Grid& fixed, const std::optional<Image>& moving) {
+  if (!options.result.empty()) {
+    if (options.transform.empty()) options.transform = options.result / "fixed_to_moving.nrrd";
+    if (options.inverse_transform.empty()) options.inverse_transform = options.result / "moving_to_fixed.nrrd";
+  }
+  Maps maps;
+  if (!options.transform.empty()) maps.there = read_transform(options.transform, "transform");
+  if (!options.inverse_transform.empty()) maps.back = read_transform(options.inverse_transform, "inverse transform");
+  if (maps.there) {
+    maps.field = sample_displacement(maps.there, fixed);
+  } else if (maps.back) {
+    maps.computed_inverse = true;
+    maps.field = with_context("inverse transform '" + options.inverse_transform.string() + "'", [&] { return inverted(maps.back, moving ? moving->grid : fixed, fixed); });
+    maps.there = [field = std::make_shared<VectorImage>(maps.field->displacement)](const Vec3d& y, Vec3d& v) { return linear_value(*field, y, v); };
+  }
+  return maps;
+}
+
+/// Corresponding points inside both images, and those left out.
+struct Landmarks {
+  std::vector<Vec3d> moving, fixed, mapped;  ///< mapped: fixed by the transform, if there is one
+  std::vector<std::size_t> rows, left_out;   ///< from 1
+};
+
+Landmarks read_landmarks(const EvaluateOptions& options, const Grid& fixed, const std::optional<Image>& moving, const Maps& maps) {
+  const bool one_file = !options.evaluation.landmarks.empty();
+  const std::filesystem::path& fixed_file = one_file ? options.evaluation.landmarks : options.fixed_landmarks;
+  const std::filesystem::path& moving_file = one_file ? options.evaluation.landmarks : options.moving_landmarks;
+  if (fixed_file.empty()) return {};
+  using Columns = std::vector<std::string>;
+  const std::vector<Vec3d> f = read_points(fixed_file, one_file ? Columns{"fx", "fy", "fz"} : Columns{"x", "y", "z"});
+  const std::vector<Vec3d> m = read_points(moving_file, one_file ? Columns{"mx", "my", "mz"} : Columns{"x", "y", "z"});
+  require(f.size() == m.size(), "'", fixed_file.string(), "' has ", f.size(), " landmarks, '", moving_file.string(), "' has ", m.size(), "; both need the same points in the same order");
+  require(!f.empty(), "'", fixed_file.string(), "' holds no landmarks; give at least one pair, or leave them out");
+  Landmarks landmarks;
+  for (std::size_t p = 0; p < f.size(); ++p) {
+    Vec3d v;
+    if (!inside(fixed, f[p]) || (moving && !inside(moving->grid, m[p])) || (maps.there && !maps.there(f[p], v))) {
+      landmarks.left_out.push_back(p + 1);
+      continue;
+    }
+    landmarks.rows.push_back(p + 1);
+    landmarks.fixed.push_back(f[p]);
+    landmarks.moving.push_back(m[p]);
+    landmarks.mapped.push_back(f[p] + v);
+  }
+  require(!landmarks.rows.empty(), "all ", f.size(), " landmarks lie outside the images (or the displacement field); coordinates must be LPS mm, and fixed and moving must not be swapped");
+  return landmarks;
+}
+
+void report_landmarks(const Landmarks& landmarks, const Maps& maps, Json& report) {
+  if (landmarks.rows.empty()) return;
+  Json& j = report["landmarks"];
+  j["before"] = describe(point_errors(landmarks.fixed, landmarks.moving));
+  if (maps.there) j["after"] = describe(point_errors(landmarks.mapped, landmarks.moving));
+  j["left_out_rows"] = landmarks.left_out;
+  if (landmarks.left_out.empty()) return;
+  std::string rows;
+  for (std::size_t p = 0; p < std::min(rows_to_name, landmarks.left_out.size()); ++p) rows += concatenate(p ? ", " : "", landmarks.left_out[p]);
+  if (landmarks.left_out.size() > rows_to_name) rows += ", ...";
+  note(report, concatenate(landmarks.left_out.size(), " of ", landmarks.left_out.size() + landmarks.rows.size(), " landmarks lie outside the images or the displacement field and are left out (row ", rows, ")"));
+}
+
+std::string landmark_table(const Landmarks& landmarks, const Maps& maps) {
+  std::string table = maps.there ? "row,fx,fy,fz,mx,my,mz,before_mm,after_mm\n" : "row,fx,fy,fz,mx,my,mz,before_mm\n";
+  for (std::size_t p = 0; p < landmarks.rows.size(); ++p) {
+    const Vec3d &f = landmarks.fixed[p], &m = landmarks.moving[p];
+    table += concatenate(landmarks.rows[p], ",", f.x, ",", f.y, ",", f.z, ",", m.x, ",", m.y, ",", m.z, ",", norm(f - m));
+    if (maps.there) table += concatenate(",", norm(landmarks.mapped[p] - m));
+    table += "\n";
+  }
+  return table;
+}
+
+/// Whether the transform taken as a map moving -> fixed fits much better, by landmarks and by the images.
+void check_direction(const EvaluateOptions& options, const Image& fixed, const std::optional<Image>& moving, const Mask& mask, const Maps& maps, const Landmarks& landmarks, Json& report) {
+  if (options.transform.empty()) return;
+  Json& j = report["direction"];
+  bool reversed = false;
+  std::vector<Vec3d> f, m, from_fixed, from_moving;
+  for (std::size_t p = 0; p < landmarks.rows.size(); ++p) {
+    Vec3d u;
+    if (!maps.there(landmarks.moving[p], u)) continue;
+    f.push_back(landmarks.fixed[p]), m.push_back(landmarks.moving[p]), from_fixed.push_back(landmarks.mapped[p]), from_moving.push_back(m.back() + u);
+  }
+  if (!f.empty()) {
+    const double given = point_errors(from_fixed, m).mean, other = point_errors(from_moving, f).mean;
+    j["landmarks_as_given_mm"] = given, j["landmarks_reversed_mm"] = other;
+    const Vec3d& s = fixed.grid.spacing;
+    reversed = given > std::max({s.x, s.y, s.z}) && other < much_better * given;
+  }
+  if (moving) {
+    try {
+      DenseField as_given = *maps.field, other = inverted(maps.there, moving->grid, fixed.grid);
+      Mask common = intersection(intersection(mask, as_given.covered), other.covered);
+      for (DenseField* field : {&as_given, &other}) common = intersection(common, keep_inside(field->displacement, moving->grid));
+      if (double(count(common)) >= enough_overlap * double(count(mask))) {
+        const auto correlation_by = [&](const DenseField& field) { return correlation(fixed, warp_image(*moving, field.displacement, Interpolation::linear, 0), common); };
+        const double r = correlation_by(as_given), r_other = correlation_by(other);
+        j["correlation_as_given"] = r, j["correlation_reversed"] = r_other, j["voxels"] = count(common);
+        reversed = reversed || 1 - r_other * r_other < much_better * (1 - r * r);
+      }
+    } catch (const Error&) {  // what has no inverse here is not the inverse
+    }
+  }
+  j["reversed_fits_better"] = reversed;
+  if (reversed)
+    note(report, "the transform seems to have the wrong direction: its inverse fits much better (see `direction` in evaluation.json). A transform must map points of the fixed to the moving image; give this one as --inverse-transform instead of --transform");
+}
+
+void report_labels(const EvaluateOptions& options, const Grid& fixed, const Maps& maps, const VectorImage& identity, Json& report) {
+  std::optional<LabelImage> fixed_labels, moving_labels, after;
+  if (!options.fixed_labels.empty()) fixed_labels = labels_on(fixed, options.fixed_labels, "fixed labels");
+  if (!options.moving_labels.empty()) moving_labels = read_labels(options.moving_labels, "moving labels");
+  if (!options.warped_labels.empty()) after = labels_on(fixed, options.warped_labels, "warped labels");
+  else if (moving_labels && maps.field) after = warp_labels(*moving_labels, maps.field->displacement);
+  if (fixed_labels && moving_labels) report["labels"]["before"] = describe(label_overlap(warp_labels(*moving_labels, identity), *fixed_labels));
+  if (fixed_labels && after) {
+    report["labels"]["after"] = describe(label_overlap(*after, *fixed_labels));
+    for (const Json& l : report["labels"]["after"])
+      for (const int side : {0, 1})
+        if (l["voxels"][std::size_t(side)] == 0) note(report, concatenate("label ", l["label"].get<int>(), " is missing in the ", side == 0 ? "warped" : "fixed", " labels: Dice 0 and no distances; check the two label maps if it should be there"));
+  }
+  if (maps.field && (fixed_labels || after)) report["rigidity"] = describe(label_rigidity(fixed_labels ? *fixed_labels : *after, *maps.field));
+}
+
+void report_field(const Mask& mask, const Maps& maps, Json& report) {
+  const Mask where = intersection(mask, maps.field->covered);
+  report["field"]["jacobian"] = describe(jacobian_statistics(maps.field->displacement, where));
+  if (const std::size_t folded = report["field"]["jacobian"]["folded_voxels"]; folded > 0) note(report, concatenate("the transform folds at ", folded, " voxels (determinant at most 0); it has no inverse there"));
+  if (maps.back && !maps.computed_inverse) report["field"]["inverse_consistency"] = describe(inverse_consistency(*maps.field, maps.back, where));
+}
+
+void print_report(const Json& report) {
+  if (report.contains("edges")) print_edges(report["edges"]);
+  if (report.contains("labels")) print_labels(report["labels"]);
+  if (report.contains("rigidity"))
+    for (const Json& r : report["rigidity"]) std::printf("label %4d is off its best rigid motion by %.3f mm (rms), %.3f mm at most\n", r["label"].get<int>(), r["rms_mm"].get<double>(), r["largest_mm"].get<double>());
+  if (report.contains("landmarks"))
+    for (const char* name : {"before", "after"})
+      if (const Json& l = report["landmarks"]; l.contains(name))
+        std::printf("landmarks %-6s mean %.2f, median %.2f, 95 %% %.2f, max %.2f mm (%d points)\n", name, l[name]["mean_mm"].get<double>(), l[name]["median_mm"].get<double>(),
+                    l[name]["percentile_95_mm"].get<double>(), l[name]["max_mm"].get<double>(), l[name]["points"].get<int>());
+  if (!report.contains("field")) return;
+  const Json& j = report["field"]["jacobian"];
+  const auto number = [&](const char* key) { return j[key].get<double>(); };
+  const auto deviation = [&](const char* key) { return j[key].is_null() ? std::string("-") : concatenate(j[key].get<double>()); };
+  std::printf("det J: min %.3f, 1 %% %.3f, 99 %% %.3f, max %.3f, %d of %d voxels folded, SDlogJ %s (Learn2Reg's %s)\n", number("min"), number("percentile_1"), number("percentile_99"), number("max"),
+              j["folded_voxels"].get<int>(), j["voxels"].get<int>(), deviation("sd_log").c_str(), deviation("sd_log_learn2reg").c_str());
+  if (report["field"].contains("inverse_consistency")) {
+    const Json& c = report["field"]["inverse_consistency"];
+    std::printf("inverse consistency: mean %.3f, 95 %% %.3f, max %.3f mm\n", c["mean_mm"].get<double>(), c["percentile_95_mm"].get<double>(), c["max_mm"].get<double>());
+  }
+}
+
+void check_usage(const CLI::App& verb, const EvaluateOptions& options) {
+  for (const char* name : {"--fixed", "--output"}) require_option(verb, name);
+  const bool has_transform = !options.transform.empty() || !options.inverse_transform.empty() || !options.result.empty();
+  if (options.moving.empty() && !has_transform) require_option(verb, "--warped");
+  if (options.fixed_landmarks.empty() != options.moving_landmarks.empty()) require_option(verb, "--fixed-landmarks"), require_option(verb, "--moving-landmarks");
+  if (!options.fixed_landmarks.empty() && !options.evaluation.landmarks.empty()) fail(Failure::usage, "--landmarks holds the points of both images; give either that or --fixed-landmarks and --moving-landmarks");
+  if (!options.fixed_labels.empty() && options.moving_labels.empty() && !has_transform) require_option(verb, "--warped-labels");
+  if (options.fixed_labels.empty() && (!options.warped_labels.empty() || (!options.moving_labels.empty() && !has_transform))) require_option(verb, "--fixed-labels");
+}
+
+void run(CLI::App& verb, EvaluateOptions& options) {
   apply_config(verb, options);
-  for (const char* name : {"--fixed", "--warped", "--output"}) require_option(verb, name);
-  if (options.fixed_labels.empty() != options.warped_labels.empty()) require_option(verb, "--fixed-labels"), require_option(verb, "--warped-labels");
+  check_usage(verb, options);
   const auto limit = start(options);
-  const Image fixed = read_image(options.fixed, "fixed image"), warped = read_image(options.warped, "warped image");
-  require(same_grid(fixed.grid, warped.grid), "warped image '", options.warped.string(), "' is on another grid than the fixed image; evaluate what `mtled register` or `mtled warp` wrote");
-  const Mask where = options.mask.empty() ? Mask(fixed.grid, 1) : mask_on(fixed.grid, options.mask, "mask");
+  const Image fixed = read_image(options.fixed, "fixed image");
+  std::optional<Image> moving, warped;
+  if (!options.moving.empty()) moving = read_image(options.moving, "moving image");
+  if (moving)
+    require(axes_of_one_voxel(moving->grid) == axes_of_one_voxel(fixed.grid), "one of the fixed and the moving image has a single slice where the other has more; compare two volumes, or two single slices");
+  if (!options.warped.empty()) {
+    warped = read_image(options.warped, "warped image");
+    require(same_grid(fixed.grid, warped->grid), "warped image '", options.warped.string(), "' is on another grid than the fixed image; resample it to the fixed image, or give the moving image and the transform instead");
+  }
+  const Mask mask = options.mask.empty() ? Mask(fixed.grid, 1) : mask_on(fixed.grid, options.mask, "mask");
+  announce(options, "reading transforms");
+  const Maps maps = read_maps(options, fixed.grid, moving);
+  const Landmarks landmarks = read_landmarks(options, fixed.grid, moving, maps);
   const OutputDirectory output(options.output, options.force);
+  announce(options, "evaluating");
+  const CannyOptions& canny = options.evaluation.canny;
   Json report;
-  report["edges"] = compare_edges_of(fixed, {{"warped", &warped}}, options.evaluation.canny, where);
-  if (!options.fixed_labels.empty())
-    report["labels"] = describe(label_overlap(labels_on(fixed.grid, options.warped_labels, "warped labels"), labels_on(fixed.grid, options.fixed_labels, "fixed labels")));
-  if (!options.evaluation.landmarks.empty()) report["landmarks"] = describe(landmark_errors(options));
+  report["settings"] = {{"canny_sigma_mm", canny.sigma_mm}, {"canny_lower_per_mm", canny.lower_threshold}, {"canny_upper_per_mm", canny.upper_threshold}, {"edges", options.slices ? "2-D, slice by slice along k" : "3-D"}};
+  report["warnings"] = Json::array();
+
+  Mask where = mask;
+  VectorImage identity(fixed.grid);
+  std::optional<Image> before;
+  if (maps.field) {
+    where = intersection(where, maps.field->covered);
+    if (count(where) < count(mask)) note(report, concatenate("the transform is known at ", 100.0 * double(count(where)) / double(count(mask)), " % of the voxels only; the others are left out of edges and Jacobian"));
+  }
+  if (moving) {
+    if (maps.field && !warped) {
+      VectorImage field = maps.field->displacement;
+      where = intersection(where, keep_inside(field, moving->grid));
+      warped = warp_image(*moving, field, Interpolation::linear, 0);
+    }
+    VectorImage there = identity;
+    const Mask reached = keep_inside(there, moving->grid);
+    before = warp_image(*moving, there, Interpolation::linear, 0);
+    if (!maps.field) where = intersection(where, reached);
+  }
+  require(count(where) > 0, maps.field ? "the transform leads no voxel of the fixed image (within the mask) into the moving image; check that it belongs to these images and maps points of the fixed to the moving image"
+                                       : "the moving image does not overlap the fixed image (within the mask) in space; give the transform between them");
+  std::vector<NamedImage> candidates;
+  if (before) candidates.push_back({"before", &*before});
+  if (warped) candidates.push_back({"after", &*warped});
+  for (const NamedImage& c : candidates) report["correlation"][c.name] = correlation(fixed, *c.image, where);
+  if (!candidates.empty()) report["edges"] = compare_edges_of(fixed, candidates, canny, where, moving ? &moving->grid : nullptr, options.slices ? EdgeSpace::slices : EdgeSpace::volume);
+  report_labels(options, fixed.grid, maps, identity, report);
+  report_landmarks(landmarks, maps, report);
+  if (maps.field) report_field(mask, maps, report);
+  check_direction(options, fixed, moving, mask, maps, landmarks, report);
+
+  if (report.contains("edges")) write_text(output / "edges.csv", edge_table(report["edges"]));
+  if (report.contains("labels")) write_text(output / "labels.csv", label_table(report["labels"]));
+  if (report.contains("landmarks")) write_text(output / "landmarks.csv", landmark_table(landmarks, maps));
   write_text(output / "evaluation.json", report.dump(1) + "\n");
-  print_edges(report["edges"]);
-  if (report.contains("labels"))
-    for (const auto& l : report["labels"]) std::printf("label %4d  Dice %.3f\n", l["label"].get<int>(), l["dice"].get<double>());
-  if (report.contains("landmarks")) std::printf("landmarks: mean %.2f mm\n", report["landmarks"]["mean_mm"].get<double>());
+  print_report(report);
 }
 
 }  // namespace
 
 void add_evaluate(CLI::App& program) {
   auto options = std::make_shared<EvaluateOptions>();
-  CLI::App* verb = program.add_subcommand("evaluate", "Compare a warped image with the fixed one: edges, labels, landmarks");
+  CLI::App* verb = program.add_subcommand("evaluate", "Judge a registration by any program: edges, labels, landmarks, field");
   verb->add_option("--fixed,-f", options->fixed, "fixed image")->type_name("IMAGE");
+  verb->add_option("--moving,-m", options->moving, "moving image: shows what it was before, and is warped by the transform")->type_name("IMAGE");
   verb->add_option("--warped,-w", options->warped, "moving image warped onto the fixed grid, by any program")->type_name("IMAGE");
-  verb->add_option("--mask", options->mask, "compare edges only here")->type_name("IMAGE");
+  verb->add_option("--transform,-t", options->transform, "map of points of the fixed to the moving image: .h5, .tfm, .txt, .mat as ITK writes them, or a displacement field (.nrrd, .mha, .nii.gz) [mm, LPS]")->type_name("FILE");
+  verb->add_option("--inverse-transform", options->inverse_transform, "map of points of the moving to the fixed image; alone, its inverse is computed")->type_name("FILE");
+  verb->add_option("--result,-r", options->result, "output folder of `mtled register`: both transforms")->type_name("DIR");
+  verb->add_option("--mask", options->mask, "compare edges and look at the field only here (fixed image)")->type_name("IMAGE");
   verb->add_option("--fixed-labels", options->fixed_labels, "label map in the fixed image")->type_name("IMAGE");
-  verb->add_option("--warped-labels", options->warped_labels, "warped label map")->type_name("IMAGE");
-  verb->add_option("--result,-r", options->result, "output folder of `mtled register`: carries the landmarks of the moving image along (without it they are compared as they are)")->type_name("DIR");
-  verb->add_option("--output,-o", options->output, "folder for evaluation.json")->type_name("DIR");
+  verb->add_option("--moving-labels", options->moving_labels, "label map in the moving image; warped by the transform")->type_name("IMAGE");
+  verb->add_option("--warped-labels", options->warped_labels, "warped label map, by any program")->type_name("IMAGE");
+  verb->add_option("--fixed-landmarks", options->fixed_landmarks, "CSV with x,y,z: points in the fixed image [mm, LPS]")->type_name("FILE");
+  verb->add_option("--moving-landmarks", options->moving_landmarks, "CSV with x,y,z: the same points in the moving image, in the same order")->type_name("FILE");
+  verb->add_flag("--slices", options->slices, "2-D edges, compared slice by slice (along k), instead of 3-D ones");
+  verb->add_option("--output,-o", options->output, "folder for evaluation.json and tables")->type_name("DIR");
   add_evaluation_options(*verb, options->evaluation);
   add_common(*verb, *options, true);
   verb->callback([verb, options] { run(*verb, *options); });

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstdio>
 
+#include "core/error.hpp"
+
 namespace mtled {
 
 void add_evaluation_options(CLI::App& verb, EvaluationOptions& o) {
@@ -13,11 +15,49 @@ void add_evaluation_options(CLI::App& verb, EvaluationOptions& o) {
   verb.add_option("--canny-upper", o.canny.upper_threshold, "upper edge threshold [intensity/mm]")->check(not_negative())->capture_default_str();
 }
 
+namespace {
+
+Json number_or_null(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
+
+/// A number, or a dash for null, right-aligned.
+void print_cell(const Json& value, double factor, int width, int digits, const char* unit = "") {
+  if (value.is_null()) std::printf(" %*s%s", width, "-", unit);
+  else std::printf(" %*.*f%s", width, digits, factor * value.get<double>(), unit);
+}
+
+/// A comma and a number, or nothing for null.
+std::string next_cell(const Json& value) { return value.is_null() ? "," : concatenate(",", value.get<double>()); }
+
+}  // namespace
+
 Json describe(const EdgeDistance& d) {
-  return {{"edge_voxels", {d.edges_a, d.edges_b}}, {"consistent_fraction", {d.kept_a, d.kept_b}}, {"percent", d.percents},
+  Json j{{"edge_voxels", {d.edges_a, d.edges_b}}, {"unmatched_voxels", {d.unmatched_a, d.unmatched_b}}, {"two_voxels_mm", d.two_voxels_mm}};
+  if (!d.comparable()) {
+    for (const char* key : {"consistent_fraction", "percent", "hausdorff_mm", "hausdorff_all_edges_mm", "mean_mm", "modified_hausdorff_mm", "within_two_voxels", "within_two_voxels_all_edges",
+                            "hausdorff_1_to_100_mm", "hausdorff_1_to_100_all_edges_mm"})
+      j[key] = nullptr;
+    return j;
+  }
+  j.update({{"consistent_fraction", {d.kept_a, d.kept_b}}, {"percent", d.percents},
           {"hausdorff_mm", d.hausdorff_mm}, {"hausdorff_all_edges_mm", d.hausdorff_all_mm}, {"mean_mm", d.mean_mm},
           {"modified_hausdorff_mm", d.modified_hausdorff_mm}, {"within_two_voxels", d.within_two_voxels},
-          {"within_two_voxels_all_edges", d.within_two_voxels_all}};
+          {"within_two_voxels_all_edges", d.within_two_voxels_all}, {"hausdorff_1_to_100_mm", d.curve_mm}, {"hausdorff_1_to_100_all_edges_mm", d.curve_all_mm}});
+  return j;
+}
+
+Json describe(const JacobianStatistics& s) {
+  return {{"min", s.minimum}, {"percentile_1", s.percentile_1}, {"median", s.median}, {"percentile_99", s.percentile_99}, {"max", s.maximum}, {"folded_voxels", s.folded}, {"voxels", s.voxels},
+          {"sd_log", number_or_null(s.sd_log)}, {"sd_log_learn2reg", number_or_null(s.sd_log_learn2reg)}};
+}
+
+Json describe(const std::vector<LabelRigidity>& rigidity) {
+  Json j = Json::array();
+  for (const LabelRigidity& r : rigidity) j.push_back({{"label", r.label}, {"voxels", r.voxels}, {"rms_mm", r.rms_mm}, {"largest_mm", r.largest_mm}});
+  return j;
+}
+
+Json describe(const InverseConsistency& c) {
+  return {{"voxels", c.voxels}, {"mean_mm", c.mean}, {"percentile_95_mm", c.percentile_95}, {"percentile_99_mm", c.percentile_99}, {"max_mm", c.maximum}};
 }
 
 Json describe(const PointErrors& e) {
@@ -27,27 +67,74 @@ Json describe(const PointErrors& e) {
 Json describe(const std::vector<LabelOverlap>& overlap) {
   Json j = Json::array();
   for (const LabelOverlap& o : overlap)
-    j.push_back({{"label", o.label}, {"dice", o.dice}, {"hausdorff_95_mm", std::isfinite(o.hausdorff95_mm) ? Json(o.hausdorff95_mm) : Json(nullptr)}});
+    j.push_back({{"label", o.label}, {"voxels", {o.voxels_a, o.voxels_b}}, {"dice", o.dice}, {"hausdorff_95_mm", number_or_null(o.hausdorff95_mm)}, {"hausdorff_95_pooled_mm", number_or_null(o.hausdorff95_pooled_mm)},
+                 {"average_surface_distance_mm", number_or_null(o.average_surface_distance_mm)}});
   return j;
 }
 
-Json compare_edges_of(const Image& fixed, const std::vector<NamedImage>& candidates, const CannyOptions& canny, const Mask& where) {
-  const Mask edges = canny_edges(fixed, canny, &where);
-  const double largest_voxel = std::max({fixed.grid.spacing.x, fixed.grid.spacing.y, fixed.grid.spacing.z});
+Json compare_edges_of(const Image& fixed, const std::vector<NamedImage>& candidates, const CannyOptions& canny, const Mask& where, const Grid* source, EdgeSpace space) {
+  const auto find_edges = space == EdgeSpace::slices ? canny_edges_of_slices : canny_edges;
+  const Mask edges = find_edges(fixed, canny, &where);
+  const auto largest_spacing = [&](const Grid& g) { return std::max({g.spacing.x, g.spacing.y, space == EdgeSpace::slices ? 0 : g.spacing.z}); };
+  const double largest_voxel = largest_spacing(fixed.grid), source_voxel = source ? largest_spacing(*source) : 0;
   Json j = Json::object();
-  for (const NamedImage& c : candidates) j[c.name] = describe(compare_edges(edges, canny_edges(*c.image, canny, &where), largest_voxel));
+  for (const NamedImage& c : candidates) {
+    const EdgeDistance d = compare_edges(edges, find_edges(*c.image, canny, &where), largest_voxel, space, source_voxel);
+    if (!d.comparable())
+      warn(concatenate(c.name, ": no edges to compare (", d.edges_a, " edge voxels in the fixed image, ", d.edges_b, " in the other); lower --canny-lower and --canny-upper, which are meant for CT (HU per mm), or check the images and their mask"));
+    j[c.name] = describe(d);
+  }
   return j;
 }
 
 void print_edges(const Json& edges) {
-  std::printf("%-16s %9s %9s %9s %9s %12s %12s %12s\n", "edges", "H60 mm", "H75 mm", "H85 mm", "H95 mm", "consistent", "<2 voxels", "<2 vox. all");
+  std::printf("%-16s %9s %9s %9s %9s %9s %12s %12s %12s\n", "edges", "H60 mm", "H75 mm", "H85 mm", "H95 mm", "M-HD mm", "consistent", "<2 voxels", "<2 vox. all");
   for (const auto& [name, e] : edges.items()) {
     std::printf("%-16s", name.c_str());
-    for (const auto& h : e["hausdorff_mm"]) std::printf(" %9.2f", h.get<double>());
-    const double consistent = std::min(e["consistent_fraction"][0].get<double>(), e["consistent_fraction"][1].get<double>());
-    for (const double share : {consistent, e["within_two_voxels"].get<double>(), e["within_two_voxels_all_edges"].get<double>()}) std::printf(" %10.1f %%", 100 * share);
+    for (int p = 0; p < 4; ++p) print_cell(e["hausdorff_mm"].is_null() ? Json() : e["hausdorff_mm"][std::size_t(p)], 1, 9, 2);
+    print_cell(e["modified_hausdorff_mm"], 1, 9, 2);
+    const Json& kept = e["consistent_fraction"];
+    print_cell(kept.is_null() ? Json() : Json(std::min(kept[0].get<double>(), kept[1].get<double>())), 100, 10, 1, " %");
+    for (const char* share : {"within_two_voxels", "within_two_voxels_all_edges"}) print_cell(e[share], 100, 10, 1, " %");
     std::printf("\n");
   }
+}
+
+void print_labels(const Json& labels) {
+  std::printf("%-16s %6s %9s %9s %12s %9s\n", "labels", "label", "Dice", "HD95 mm", "HD95 pooled", "ASD mm");
+  for (const auto& [name, list] : labels.items())
+    for (const Json& l : list) {
+      std::printf("%-16s %6d", name.c_str(), l["label"].get<int>());
+      print_cell(l["dice"], 1, 9, 3);
+      print_cell(l["hausdorff_95_mm"], 1, 9, 2);
+      print_cell(l["hausdorff_95_pooled_mm"], 1, 12, 2);
+      print_cell(l["average_surface_distance_mm"], 1, 9, 2);
+      std::printf("\n");
+    }
+}
+
+std::string edge_table(const Json& edges) {
+  std::string table = "percent";
+  for (const auto& [name, e] : edges.items()) table += concatenate(",", name, "_mm,", name, "_all_edges_mm");
+  table += "\n";
+  for (std::size_t percent = 1; percent <= 100; ++percent) {
+    table += std::to_string(percent);
+    for (const auto& [name, e] : edges.items())
+      for (const char* curve : {"hausdorff_1_to_100_mm", "hausdorff_1_to_100_all_edges_mm"}) table += next_cell(e[curve].is_null() ? Json() : e[curve][percent - 1]);
+    table += "\n";
+  }
+  return table;
+}
+
+std::string label_table(const Json& labels) {
+  std::string table = "label,candidate,dice,hausdorff_95_mm,hausdorff_95_pooled_mm,average_surface_distance_mm\n";
+  for (const auto& [name, list] : labels.items())
+    for (const Json& l : list) {
+      table += concatenate(l["label"].get<int>(), ",", name);
+      for (const char* key : {"dice", "hausdorff_95_mm", "hausdorff_95_pooled_mm", "average_surface_distance_mm"}) table += next_cell(l[key]);
+      table += "\n";
+    }
+  return table;
 }
 
 }  // namespace mtled

@@ -35,6 +35,7 @@ int main(int argc, char** argv) {
   add_motions(program);
   add_warp(program);
   add_evaluate(program);
+  add_baseline(program);
 #endif
   add_solve(program);
   add_info(program);

@@ -73,10 +73,6 @@ PointData at_nodes(const std::string& name, const Cloud& cloud, const Volume<T>&
   return data;
 }
 
-Json describe(const JacobianStatistics& s) {
-  return {{"min", s.minimum}, {"percentile_1", s.percentile_1}, {"median", s.median}, {"percentile_99", s.percentile_99}, {"max", s.maximum}, {"folded_voxels", s.folded}, {"voxels", s.voxels}};
-}
-
 /// Where edges are compared: around what the deformed moving body covers of the fixed image.
 Mask evaluation_region(const Mask& covered) { return dilate(covered, evaluation_margin_mm); }
 
@@ -114,7 +110,7 @@ Json evaluate(const RegisterOptions& options, const ImagePair& pair, const Tissu
   const Image before = warp_image_rigidly(pair.moving, pair.fixed.grid, identity, Interpolation::linear, float(options.outside));
   const Image rigidly = warp_image_rigidly(pair.moving, pair.fixed.grid, rigid, Interpolation::linear, float(options.outside));
   write_png(options.output / "overlay.png", overlay_figure(pair.fixed, {{"before", &before}, {"rigid registration", &rigidly}, {"mtled", &warped}}));
-  report["edges"] = compare_edges_of(pair.fixed, {{"before", &before}, {"rigid", &rigidly}, {"mtled", &warped}}, options.evaluation.canny, fixed_region);
+  report["edges"] = compare_edges_of(pair.fixed, {{"before", &before}, {"rigid", &rigidly}, {"mtled", &warped}}, options.evaluation.canny, fixed_region, &pair.moving.grid);
   if (!landmarks.moving.empty()) report["landmarks"] = landmark_errors(landmarks, rigid, warp_points(landmarks.moving, deformation.function(), forward.displacement));
   if (loads.fixed_labels) {
     report["labels"]["before"] = describe(label_overlap(resample_labels(loads.labels, pair.fixed.grid), *loads.fixed_labels));

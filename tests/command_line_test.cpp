@@ -334,9 +334,9 @@ TEST_F(CommandLine, EvaluateComparesEdgesLabelsAndLandmarks) {
                                (shared.folder / "result").string(), "--mask", result("warped_body.nii.gz").string(), "-o", file("out").string()});
   ASSERT_EQ(outcome.code, 0) << outcome.err;
   const Json evaluation = json(file("out/evaluation.json")), metrics = json(result("metrics.json"));
-  EXPECT_GT(evaluation["edges"]["warped"]["within_two_voxels"], 0.95);
-  EXPECT_EQ(evaluation["labels"], metrics["labels"]["mtled"]);
-  EXPECT_LT(evaluation["landmarks"]["mean_mm"], 0.2);
+  EXPECT_GT(evaluation["edges"]["after"]["within_two_voxels"], 0.95);
+  EXPECT_EQ(evaluation["labels"]["after"], metrics["labels"]["mtled"]);
+  EXPECT_LT(evaluation["landmarks"]["after"]["mean_mm"], 0.2);
 }
 
 TEST_F(CommandLine, InfoAndHelpExplainTheProgram) {

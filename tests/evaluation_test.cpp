@@ -142,6 +142,7 @@ TEST(CompareEdges, OfShiftedPlanesIsTheShift) {
   EXPECT_NEAR(result.mean_mm, 6, 1e-9);
   EXPECT_NEAR(result.modified_hausdorff_mm, 6, 1e-9);
   EXPECT_EQ(result.within_two_voxels, 0);  // 6 mm is not less than twice 3 mm
+  EXPECT_EQ(compare_edges(a, b, 0, EdgeSpace::volume, 3.1).within_two_voxels, 1);  // but less than two of the source's voxels
 
   Mask far(grid);
   add_plane(far, 16);
@@ -197,17 +198,71 @@ TEST(CompareEdges, RoundTripKeepsEverythingOnIdenticalSetsAndTies) {
   EXPECT_EQ(compare_edges(a, b, 0).kept_a, 1);  // both ends of `a` are nearest to the middle
 }
 
-TEST(CompareEdges, RefusesEmptySets) {
+TEST(CompareEdges, EmptySetsHaveNoDistances) {
   const Grid grid = make_grid({5, 5, 5}, {1, 1, 1});
   Mask some(grid);
   some.at(1, 1, 1) = 1;
-  for (const auto& [a, b] : {std::pair{some, Mask(grid)}, std::pair{Mask(grid), some}}) {
-    try {
-      compare_edges(a, b, 0);
-      FAIL();
-    } catch (const Error& error) {
-      EXPECT_EQ(error.failure(), Failure::input);
-    }
+  for (const auto& [a, b] : {std::pair{some, Mask(grid)}, std::pair{Mask(grid), some}, std::pair{Mask(grid), Mask(grid)}}) {
+    const EdgeDistance result = compare_edges(a, b, 0);
+    EXPECT_FALSE(result.comparable());
+    EXPECT_EQ(result.edges_a, count(a));
+    EXPECT_EQ(result.unmatched_b, count(b));
+    EXPECT_TRUE(result.hausdorff_mm.empty() && result.curve_all_mm.empty());
+    for (const double value : {result.kept_a, result.mean_mm, result.modified_hausdorff_mm, result.within_two_voxels, result.within_two_voxels_all}) EXPECT_EQ(value, 0);
+  }
+  EXPECT_TRUE(compare_edges(some, some, 0).comparable());
+}
+
+TEST(CompareEdges, HasEveryPercentile) {
+  // b has 101 voxels at 0, 1, ... 100 mm from the only one of a: percentile p of b -> a is p.
+  const Grid line = make_grid({101, 1, 1}, {1, 1, 1});
+  Mask a(line), b(line, 1);
+  a.at(0, 0, 0) = 1;
+  const EdgeDistance result = compare_edges(a, b, 0);
+  ASSERT_EQ(result.curve_all_mm.size(), 100u);
+  for (int percent = 1; percent <= 100; ++percent) EXPECT_NEAR(result.curve_all_mm[std::size_t(percent - 1)], percent, 1e-9);
+  for (std::size_t p = 0; p < result.percents.size(); ++p) EXPECT_NEAR(result.hausdorff_all_mm[p], result.percents[p], 1e-9);
+  EXPECT_EQ(result.curve_mm, std::vector<double>(100, 0));  // only the common voxel passes the round trip
+}
+
+TEST(CompareEdges, OfSlicesStaysInTheSlice) {
+  // Per slice one voxel of a; that of b is 5 mm away in the slice and only 1 mm away in the next one.
+  const Grid grid = make_grid({20, 4, 3}, {1, 1, 1});
+  Mask a(grid), b(grid);
+  for (int k = 0; k < 3; ++k) a.at(k % 2 == 0 ? 2 : 7, 0, k) = b.at(k % 2 == 0 ? 7 : 2, 0, k) = 1;
+  EXPECT_NEAR(compare_edges(a, b, 0).curve_all_mm.back(), 1, 1e-9);
+  EXPECT_NEAR(compare_edges(a, b, 0, EdgeSpace::slices).curve_all_mm.front(), 5, 1e-9);
+  EXPECT_EQ(compare_edges(a, b, 0, EdgeSpace::slices).within_two_voxels_all, 0);
+
+  b.at(2, 0, 1) = 0;  // the middle slice has an edge in a only
+  const EdgeDistance result = compare_edges(a, a, 0, EdgeSpace::slices), unmatched = compare_edges(a, b, 0, EdgeSpace::slices);
+  EXPECT_EQ(result.unmatched_a, 0u);
+  EXPECT_EQ(result.within_two_voxels_all, 1);
+  EXPECT_EQ(unmatched.unmatched_a, 1u);
+  EXPECT_EQ(unmatched.unmatched_b, 0u);
+  Mask last_only(grid);
+  last_only.at(2, 0, 2) = 1;
+  EXPECT_EQ(compare_edges(a, last_only, 0, EdgeSpace::slices).within_two_voxels_all, 2.0 / 4) << "two of the four voxels have no counterpart in their slice";
+}
+
+TEST(Canny, OfSlicesIsCannyOfEverySlice) {
+  const Grid grid = make_grid({60, 60, 9}, {1, 1, 4}, rotation_matrix({0.2, 0.3, -0.1}));
+  const Image image = sphere_image(grid, 15, 1000);
+  Mask mask(grid, 1);
+  for (int k = 0; k < 9; ++k)
+    for (int i = 0; i < 60; ++i) mask.at(i, 20, k) = 0;
+  const Mask edges = canny_edges_of_slices(image, {}, &mask);
+  EXPECT_GT(count(edges), 100u);
+  for (int k = 0; k < 9; ++k) {
+    Grid one = grid;
+    one.size[2] = 1;
+    Image slice(one);
+    Mask slice_mask(one);
+    for (int j = 0; j < 60; ++j)
+      for (int i = 0; i < 60; ++i) slice.at(i, j, 0) = image.at(i, j, k), slice_mask.at(i, j, 0) = mask.at(i, j, k);
+    const Mask expected = canny_edges(slice, {}, &slice_mask);
+    for (int j = 0; j < 60; ++j)
+      for (int i = 0; i < 60; ++i) ASSERT_EQ(edges.at(i, j, k), expected.at(i, j, 0)) << i << " " << j << " " << k;
   }
 }
 
@@ -239,11 +294,41 @@ TEST(LabelOverlap, OfShiftedBoxes) {
   EXPECT_EQ(overlaps[0].label, 3);
   EXPECT_DOUBLE_EQ(overlaps[0].dice, 0.8);
   EXPECT_NEAR(overlaps[0].hausdorff95_mm, 3, 1e-9);  // the shifted faces are a fifth of the surface
+  EXPECT_NEAR(overlaps[0].hausdorff95_pooled_mm, 3, 1e-9);
+  // Of 488 surface voxels: 100 on the face left behind are 3 mm away, 36 on the sides beside it 1.5 mm, and those on
+  // the face inside the other box min(3, depth below the sides): 36 at 0, 28 at 1, 20 at 2, 16 at 3 mm; others 0.
+  EXPECT_NEAR(overlaps[0].average_surface_distance_mm, (100 * 3 + 36 * 1.5 + 28 + 20 * 2 + 16 * 3) / 488.0, 1e-9);
   EXPECT_EQ(overlaps[1].label, 9);
   EXPECT_EQ(overlaps[1].dice, 0);
-  EXPECT_TRUE(std::isnan(overlaps[1].hausdorff95_mm));
+  EXPECT_TRUE(std::isnan(overlaps[1].hausdorff95_mm) && std::isnan(overlaps[1].hausdorff95_pooled_mm) && std::isnan(overlaps[1].average_surface_distance_mm));
+  EXPECT_EQ(overlaps[1].voxels_a, 1000u);
+  EXPECT_EQ(overlaps[1].voxels_b, 0u);
   EXPECT_DOUBLE_EQ(label_overlap(a, a)[0].dice, 1);
   EXPECT_EQ(label_overlap(a, a)[0].hausdorff95_mm, 0);
+}
+
+TEST(LabelOverlap, TellsTheLargerDirectionFromBothTogether) {
+  // a -> b: 0; b -> a: 0, 2, ... 18 (single voxels, so all are surface).
+  const Grid grid = make_grid({20, 1, 1}, {1, 1, 1});
+  LabelImage a(grid), b(grid);
+  a.at(0, 0, 0) = 1;
+  for (int i = 0; i < 20; i += 2) b.at(i, 0, 0) = 1;
+  const LabelOverlap overlap = label_overlap(a, b)[0];
+  EXPECT_NEAR(overlap.hausdorff95_mm, 0.95 * 18, 1e-9);
+  EXPECT_NEAR(overlap.hausdorff95_pooled_mm, 17, 1e-9);  // half-way between the last two of 0, 0, 2, ... 18
+  EXPECT_NEAR(overlap.average_surface_distance_mm, 90.0 / 11, 1e-9);
+}
+
+TEST(LabelOverlap, OfASingleSliceIsThatOfItsOutlines) {
+  const Grid grid = make_grid({20, 20, 1}, {1.5, 1, 3});
+  LabelImage a(grid), b(grid);
+  for (int j = 5; j < 15; ++j)
+    for (int i = 5; i < 15; ++i) a.at(i, j, 0) = b.at(i + 2, j, 0) = 1;
+  const LabelOverlap overlap = label_overlap(a, b)[0];
+  EXPECT_DOUBLE_EQ(overlap.dice, 0.8);
+  EXPECT_NEAR(overlap.hausdorff95_mm, 3, 1e-9);
+  // Outline of 36: 10 at 3 mm, 2 at 1.5 mm, and on the inner side 2 each at 0, 1, 2 and 4 at 3 mm.
+  EXPECT_NEAR(overlap.average_surface_distance_mm, (10 * 3 + 2 * 1.5 + 2 * 1 + 2 * 2 + 4 * 3) / 36.0, 1e-9);
 }
 
 TEST(LabelOverlap, RefusesDifferentGridsButNotRoundedHeaders) {

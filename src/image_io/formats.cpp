@@ -51,6 +51,7 @@ std::string reason_of(const itk::ExceptionObject& error) {
   const std::size_t nrrd_prefix = last.starts_with("[nrrd]") ? last.find(": ") : std::string::npos;
   if (nrrd_prefix != std::string::npos) last.erase(0, nrrd_prefix + 2);
   while (!last.empty() && (last.back() == '.' || last.back() == ' ' || last.back() == '!')) last.pop_back();
+  last.erase(0, last.find_first_not_of(' '));
   return last.empty() ? "the ITK library gave no reason" : last;
 }
 

@@ -1,8 +1,11 @@
 #pragma once
 #include <filesystem>
 
+#include "core/motion.hpp"
 #include "core/volume.hpp"
 #include "imaging/figures.hpp"
+#include "imaging/free_form_deformation.hpp"
+#include "imaging/warp.hpp"
 
 namespace mtled {
 
@@ -19,6 +22,11 @@ Mask read_mask(const std::filesystem::path& path, const std::string& describe);
 /// A dense displacement field (3-component vectors, LPS mm): NRRD, MetaImage, or NIfTI of intent 1007 (vector), as ANTs
 /// writes it; NIfTI of intent 1006 is refused with a reason (ITK 5.2 misreads it).
 VectorImage read_vector_image(const std::filesystem::path& path, const std::string& describe);
+/// A transform of points y -> y + v(y), LPS mm, as the function v: a displacement field as above, defined within its
+/// grid, or what ITK writes to .h5, .hdf5, .tfm, .txt or .mat (ANTs' affine), defined everywhere, composites
+/// included. One that is a displacement field itself is defined within its grid; in a composite, ITK goes on with 0
+/// beyond. Input errors (file, reason, remedy) also: not one transform, not 3-D.
+DisplacementFunction read_transform(const std::filesystem::path& path, const std::string& describe);
 
 /// Written to a temporary name beside `path` and renamed; compressed where the format can: .nii, .nii.gz, .nrrd, .mha
 /// (formats of two files cannot be renamed as one). Output errors: other extension, no such folder, disk full, ...
@@ -30,6 +38,9 @@ void write_vector_image(const std::filesystem::path& path, const VectorImage& fi
 /// ITK displacement field transform (.h5, float32, not compressed), fixed -> moving, as 3D Slicer and
 /// antsApplyTransforms read it.
 void write_displacement_transform(const std::filesystem::path& path, const VectorImage& inverse_field);
+/// ITK transform (.tfm, text), fixed -> moving, for 3D Slicer and ITK: a rigid motion, or a composite of that motion after
+/// y -> y + b(y) with a B-spline b.
+void write_transform(const std::filesystem::path& path, const RigidMotion& fixed_to_moving, const FreeFormDeformation* deformation = nullptr);
 void write_png(const std::filesystem::path& path, const Picture& picture);
 
 }  // namespace mtled

@@ -45,6 +45,9 @@ BoneMotionResult estimate_bone_motions(const Image& moving, const Image& fixed, 
 /// larger than that of the others, or that fits a mix-up by one level.
 std::vector<std::string> implausible_neighbours(const std::vector<LabelMotion>& motions);
 
+/// Centre [LPS mm] of a mask, or of the intensities above the image's minimum. Input errors: empty mask, constant image.
+Vec3d center_of_intensity(const Image& image, const Mask* mask);
+
 /// Global rigid registration, moving -> fixed: alignment of the centres of the masks (or of the intensities), search
 /// within 50 mm and 20 deg of that, then ITK on two resolutions, by normalised correlation. With a moving mask, only
 /// its inside is compared; the fixed mask only gives its centre. Also the baseline of the evaluation. Input errors:

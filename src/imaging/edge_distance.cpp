@@ -6,20 +6,22 @@
 #include "imaging/evaluation.hpp"
 #include "imaging/nearest_point.hpp"
 #include "imaging/percentile.hpp"
+#include "imaging/same_grid.hpp"
 
 namespace mtled {
 namespace {
 
-constexpr double reported_percents[] = {60, 75, 85, 95};
+constexpr int reported_percents[] = {60, 75, 85, 95};
 constexpr double largest_counted_mm = 10;  ///< distances beyond it count as it in the modified Hausdorff distance
 
-std::vector<Vec3d> edge_points(const Mask& edges) {
-  std::vector<Vec3d> points;
+/// Centres of the edge voxels [mm]: all in one group, or one group per slice.
+std::vector<std::vector<Vec3d>> edge_points(const Mask& edges, EdgeSpace space) {
+  std::vector<std::vector<Vec3d>> groups(space == EdgeSpace::slices ? std::size_t(edges.grid.size[2]) : 1);
   for (int k = 0; k < edges.grid.size[2]; ++k)
     for (int j = 0; j < edges.grid.size[1]; ++j)
       for (int i = 0; i < edges.grid.size[0]; ++i)
-        if (edges.at(i, j, k)) points.push_back(edges.grid.point(i, j, k));
-  return points;
+        if (edges.at(i, j, k)) groups[space == EdgeSpace::slices ? std::size_t(k) : 0].push_back(edges.grid.point(i, j, k));
+  return groups;
 }
 
 /// Distances from every point of one set to the other set.
@@ -28,22 +30,21 @@ struct Directed {
   std::vector<double> consistent;  ///< [mm] those that pass the round trip
 };
 
-Directed directed_distances(const std::vector<Vec3d>& from, const NearestPoint& nearest_from,
-                            const std::vector<Vec3d>& to, const NearestPoint& nearest_to, double round_trip_mm) {
-  Directed result;
-  result.all.resize(from.size());
+void add_distances(const std::vector<Vec3d>& from, const NearestPoint& nearest_from,
+                   const std::vector<Vec3d>& to, const NearestPoint& nearest_to, double round_trip_mm, Directed& result) {
+  const std::size_t before = result.all.size();
+  result.all.resize(before + from.size());
   std::vector<std::uint8_t> passes(from.size());
   parallel_for(from.size(), [&](std::size_t p) {
     const auto there = nearest_to(from[p]);
     const auto back = nearest_from(to[there.index]);
-    result.all[p] = std::sqrt(there.squared_distance);
+    result.all[before + p] = std::sqrt(there.squared_distance);
     // On a voxel grid the way back often has several equally near ends; p itself may be one that was not returned.
     const bool tie = back.squared_distance >= there.squared_distance * (1 - 1e-9);
     passes[p] = tie || squared_norm(from[back.index] - from[p]) <= round_trip_mm * round_trip_mm;
   });
   for (std::size_t p = 0; p < from.size(); ++p)
-    if (passes[p]) result.consistent.push_back(result.all[p]);
-  return result;
+    if (passes[p]) result.consistent.push_back(result.all[before + p]);
 }
 
 double mean(const std::vector<double>& values) {
@@ -58,41 +59,60 @@ double mean_up_to(const std::vector<double>& values, double limit) {
   return sum / double(values.size());
 }
 
-double fraction_below(const std::vector<double>& a, const std::vector<double>& b, double limit) {
+double count_below(const std::vector<double>& a, const std::vector<double>& b, double limit) {
   const double strictly = limit * (1 - 1e-9);  // distances on a voxel grid often equal the limit but for rounding
   const auto below = [strictly](double v) { return v < strictly; };
-  const auto count = std::count_if(a.begin(), a.end(), below) + std::count_if(b.begin(), b.end(), below);
-  return double(count) / double(a.size() + b.size());
+  return double(std::count_if(a.begin(), a.end(), below) + std::count_if(b.begin(), b.end(), below));
 }
 
-double largest_spacing(const Grid& grid) { return std::max({grid.spacing.x, grid.spacing.y, grid.spacing.z}); }
+double largest_spacing(const Grid& grid, EdgeSpace space) {
+  return std::max({grid.spacing.x, grid.spacing.y, space == EdgeSpace::slices ? 0 : grid.spacing.z});
+}
+
+/// Percentiles 1 to 100, max of both directions.
+std::vector<double> percentile_curve(std::vector<double> a, std::vector<double> b) {
+  std::sort(a.begin(), a.end());
+  std::sort(b.begin(), b.end());
+  std::vector<double> curve;
+  for (int percent = 1; percent <= 100; ++percent) curve.push_back(std::max(percentile_of_sorted(a, percent), percentile_of_sorted(b, percent)));
+  return curve;
+}
 
 }  // namespace
 
-EdgeDistance compare_edges(const Mask& edges_a, const Mask& edges_b, double round_trip_mm) {
+EdgeDistance compare_edges(const Mask& edges_a, const Mask& edges_b, double round_trip_mm, EdgeSpace space, double source_voxel_mm) {
   require(round_trip_mm >= 0, "round-trip distance is ", round_trip_mm, " mm; give zero or a positive distance");
-  const std::vector<Vec3d> a = edge_points(edges_a), b = edge_points(edges_b);
-  require(!a.empty() && !b.empty(), "no edges to compare (", a.size(), " edge voxels in the first image, ", b.size(),
-          " in the second); lower the edge thresholds or check the images and their mask");
-  const NearestPoint nearest_a(a), nearest_b(b);
-  Directed ab = directed_distances(a, nearest_a, b, nearest_b, round_trip_mm);
-  Directed ba = directed_distances(b, nearest_b, a, nearest_a, round_trip_mm);
-
+  require(space == EdgeSpace::volume || same_grid(edges_a.grid, edges_b.grid), "edges of slices lie on different grids; resample one image to the other");
+  const auto a = edge_points(edges_a, space), b = edge_points(edges_b, space);
   EdgeDistance result;
-  result.edges_a = a.size();
-  result.edges_b = b.size();
-  result.kept_a = double(ab.consistent.size()) / double(a.size());
-  result.kept_b = double(ba.consistent.size()) / double(b.size());
+  result.two_voxels_mm = 2 * std::max({largest_spacing(edges_a.grid, space), largest_spacing(edges_b.grid, space), source_voxel_mm});
+  Directed ab, ba;
+  for (std::size_t g = 0; g < a.size(); ++g) {
+    result.edges_a += a[g].size();
+    result.edges_b += b[g].size();
+    if (a[g].empty() || b[g].empty()) {
+      result.unmatched_a += a[g].size();
+      result.unmatched_b += b[g].size();
+      continue;
+    }
+    const NearestPoint nearest_a(a[g]), nearest_b(b[g]);
+    add_distances(a[g], nearest_a, b[g], nearest_b, round_trip_mm, ab);
+    add_distances(b[g], nearest_b, a[g], nearest_a, round_trip_mm, ba);
+  }
+  if (ab.all.empty()) return result;
+  result.kept_a = double(ab.consistent.size()) / double(ab.all.size());
+  result.kept_b = double(ba.consistent.size()) / double(ba.all.size());
   result.mean_mm = std::max(mean(ab.consistent), mean(ba.consistent));
   result.modified_hausdorff_mm =
       std::max(mean_up_to(ab.all, largest_counted_mm), mean_up_to(ba.all, largest_counted_mm));
-  const double two_voxels = 2 * std::max(largest_spacing(edges_a.grid), largest_spacing(edges_b.grid));
-  result.within_two_voxels = fraction_below(ab.consistent, ba.consistent, two_voxels);
-  result.within_two_voxels_all = fraction_below(ab.all, ba.all, two_voxels);
-  for (const double percent : reported_percents) {
+  result.within_two_voxels = count_below(ab.consistent, ba.consistent, result.two_voxels_mm) / double(ab.consistent.size() + ba.consistent.size());
+  result.within_two_voxels_all = count_below(ab.all, ba.all, result.two_voxels_mm) / double(result.edges_a + result.edges_b);
+  result.curve_mm = percentile_curve(std::move(ab.consistent), std::move(ba.consistent));
+  result.curve_all_mm = percentile_curve(std::move(ab.all), std::move(ba.all));
+  for (const int percent : reported_percents) {
     result.percents.push_back(percent);
-    result.hausdorff_mm.push_back(std::max(percentile(ab.consistent, percent), percentile(ba.consistent, percent)));
-    result.hausdorff_all_mm.push_back(std::max(percentile(ab.all, percent), percentile(ba.all, percent)));
+    result.hausdorff_mm.push_back(result.curve_mm[std::size_t(percent - 1)]);
+    result.hausdorff_all_mm.push_back(result.curve_all_mm[std::size_t(percent - 1)]);
   }
   return result;
 }

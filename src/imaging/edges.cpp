@@ -142,4 +142,23 @@ Mask canny_edges(const Image& image, const CannyOptions& options, const Mask* wh
   return state;
 }
 
+Mask canny_edges_of_slices(const Image& image, const CannyOptions& options, const Mask* where) {
+  require(!where || same_grid(image.grid, where->grid), "the image and the mask of its edges lie on different grids; resample the mask to the image");
+  Mask edges(image.grid);
+  Grid grid = image.grid;
+  grid.size[2] = 1;
+  const auto voxels = std::ptrdiff_t(grid.count());
+  for (int k = 0; k < image.grid.size[2]; ++k) {
+    grid.origin = image.grid.point(0, 0, k);
+    const auto slice = [&](const auto& volume) {
+      auto one = std::remove_cvref_t<decltype(volume)>(grid);
+      std::copy_n(volume.data.begin() + k * voxels, voxels, one.data.begin());
+      return one;
+    };
+    const Mask inside = where ? slice(*where) : Mask(grid, 1), found = canny_edges(slice(image), options, &inside);
+    std::copy(found.data.begin(), found.data.end(), edges.data.begin() + k * voxels);
+  }
+  return edges;
+}
+
 }  // namespace mtled

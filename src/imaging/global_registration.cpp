@@ -11,8 +11,20 @@ namespace {
 
 constexpr double degree = 0.017453292519943295;
 
-/// Centre [LPS mm] of a mask, or of the intensities above the image's minimum.
-Vec3d center_of_mass(const Image& image, const Mask* mask) {
+std::vector<Vec3d> voxel_centers(const Grid& grid, const Mask* inside) {
+  std::vector<Vec3d> points;
+  for (int k = 0; k < grid.size[2]; ++k)
+    for (int j = 0; j < grid.size[1]; ++j)
+      for (int i = 0; i < grid.size[0]; ++i) {
+        const Vec3d x = grid.point(i, j, k);
+        if (!inside || nearest_value<std::uint8_t>(*inside, x, 0)) points.push_back(x);
+      }
+  return points;
+}
+
+}  // namespace
+
+Vec3d center_of_intensity(const Image& image, const Mask* mask) {
   const Grid& grid = mask ? mask->grid : image.grid;
   const double lowest = *std::min_element(image.data.begin(), image.data.end());
   double mass = 0;
@@ -29,26 +41,13 @@ Vec3d center_of_mass(const Image& image, const Mask* mask) {
   return grid.point((1 / mass) * moment);
 }
 
-std::vector<Vec3d> voxel_centers(const Grid& grid, const Mask* inside) {
-  std::vector<Vec3d> points;
-  for (int k = 0; k < grid.size[2]; ++k)
-    for (int j = 0; j < grid.size[1]; ++j)
-      for (int i = 0; i < grid.size[0]; ++i) {
-        const Vec3d x = grid.point(i, j, k);
-        if (!inside || nearest_value<std::uint8_t>(*inside, x, 0)) points.push_back(x);
-      }
-  return points;
-}
-
-}  // namespace
-
 RigidMotion register_rigidly(const Image& moving, const Image& fixed, const Mask* moving_mask, const Mask* fixed_mask) {
   for (const Image* image : {&moving, &fixed})
     for (const int n : image->grid.size)
       require(n >= 4, "an image has only ", n, " voxels along one axis; rigid registration needs at least 4");
   const Image moving_coarse = coarsen(moving, 3), fixed_coarse = coarsen(fixed, 3);
   const std::vector<Vec3d> points = voxel_centers(moving_coarse.grid, moving_mask);
-  const Vec3d from = center_of_mass(moving_coarse, moving_mask), to = center_of_mass(fixed_coarse, fixed_mask);
+  const Vec3d from = center_of_intensity(moving_coarse, moving_mask), to = center_of_intensity(fixed_coarse, fixed_mask);
 
   const Image fixed_smooth = smooth(fixed_coarse, 6);
   const Samples samples = sample(smooth(moving_coarse, 6), points, 4000);

@@ -1,4 +1,6 @@
 #include <algorithm>
+#include <cmath>
+#include <limits>
 
 #include "core/error.hpp"
 #include "imaging/percentile.hpp"
@@ -41,6 +43,35 @@ class DeterminantAtVoxel {
   const Mask& where_;
 };
 
+/// Standard deviation (over n) of f(value) where `counts(value)`; NaN where none does.
+template <class Function, class Counts>
+double deviation_of(const std::vector<float>& values, const Function& f, const Counts& counts) {
+  double sum = 0, squares = 0;
+  std::size_t n = 0;
+  for (const float v : values)
+    if (counts(v)) sum += f(v), ++n;
+  if (n == 0) return std::numeric_limits<double>::quiet_NaN();
+  for (const float v : values)
+    if (counts(v)) squares += (f(v) - sum / double(n)) * (f(v) - sum / double(n));
+  return std::sqrt(squares / double(n));
+}
+
+/// See JacobianStatistics.
+double sd_log_of_learn2reg(const VectorImage& displacement, const Mask& where) {
+  constexpr int border = 2;
+  const Mask everywhere(where.grid, 1);
+  const DeterminantAtVoxel determinant_at(displacement, everywhere);
+  const auto& n = where.grid.size;
+  std::vector<float> values;
+  for (int k = border; k < n[2] - border; ++k)
+    for (int j = border; j < n[1] - border; ++j)
+      for (int i = border; i < n[0] - border; ++i) {
+        double value;
+        if (where.at(i, j, k) && determinant_at(i, j, k, where.grid.offset(i, j, k), value)) values.push_back(float(value));
+      }
+  return deviation_of(values, [](double v) { return std::log(std::clamp(v + 3, 1e-9, 1e9)); }, [](float) { return true; });
+}
+
 }  // namespace
 
 JacobianStatistics jacobian_statistics(const VectorImage& displacement, const Mask& where) {
@@ -73,7 +104,19 @@ JacobianStatistics jacobian_statistics(const VectorImage& displacement, const Ma
   result.percentile_1 = percentile(values, 1);
   result.median = percentile(values, 50);
   result.percentile_99 = percentile(values, 99);
+  result.sd_log = deviation_of(values, [](double v) { return std::log(v); }, [](float v) { return v > 0; });
+  result.sd_log_learn2reg = sd_log_of_learn2reg(displacement, where);
   return result;
+}
+
+Mask folded_voxels(const VectorImage& displacement, const Mask& where) {
+  const DeterminantAtVoxel determinant_at(displacement, where);
+  Mask folded(where.grid);
+  for_each_voxel(where.grid, [&](int i, int j, int k, std::size_t voxel) {
+    double value;
+    folded.data[voxel] = where.data[voxel] && determinant_at(i, j, k, voxel, value) && value <= 0;
+  });
+  return folded;
 }
 
 }  // namespace mtled

@@ -26,8 +26,8 @@ bool on_surface(const LabelImage& labels, int i, int j, int k) {
     if (a < 0 || b < 0 || c < 0 || a >= n[0] || b >= n[1] || c >= n[2]) return true;
     return labels.at(a, b, c) != label;
   };
-  return differs(i - 1, j, k) || differs(i + 1, j, k) || differs(i, j - 1, k) || differs(i, j + 1, k) ||
-         differs(i, j, k - 1) || differs(i, j, k + 1);
+  return (n[0] > 1 && (differs(i - 1, j, k) || differs(i + 1, j, k))) || (n[1] > 1 && (differs(i, j - 1, k) || differs(i, j + 1, k))) ||
+         (n[2] > 1 && (differs(i, j, k - 1) || differs(i, j, k + 1)));
 }
 
 std::map<int, Region> regions_of(const LabelImage& labels) {
@@ -44,11 +44,24 @@ std::map<int, Region> regions_of(const LabelImage& labels) {
   return regions;
 }
 
-double directed_percentile(const std::vector<Vec3d>& from, const std::vector<Vec3d>& to, double percent) {
+std::vector<double> directed_distances(const std::vector<Vec3d>& from, const std::vector<Vec3d>& to) {
   const NearestPoint nearest(to);
   std::vector<double> distances(from.size());
   parallel_for(from.size(), [&](std::size_t p) { distances[p] = std::sqrt(nearest(from[p]).squared_distance); });
-  return percentile(distances, percent);
+  return distances;
+}
+
+/// Distances between two surfaces; without voxels there are none.
+void compare_surfaces(const Region& a, const Region& b, LabelOverlap& overlap) {
+  overlap.hausdorff95_mm = overlap.hausdorff95_pooled_mm = overlap.average_surface_distance_mm = std::numeric_limits<double>::quiet_NaN();
+  if (a.surface.empty() || b.surface.empty()) return;
+  std::vector<double> ab = directed_distances(a.surface, b.surface), ba = directed_distances(b.surface, a.surface);
+  overlap.hausdorff95_mm = std::max(percentile(ab, 95), percentile(ba, 95));
+  ab.insert(ab.end(), ba.begin(), ba.end());
+  overlap.hausdorff95_pooled_mm = percentile(ab, 95);
+  double sum = 0;
+  for (const double d : ab) sum += d;
+  overlap.average_surface_distance_mm = sum / double(ab.size());
 }
 
 }  // namespace
@@ -64,11 +77,8 @@ std::vector<LabelOverlap> label_overlap(const LabelImage& a, const LabelImage& b
   std::vector<LabelOverlap> result;
   for (const auto& [label, in_a] : regions_a) {
     const Region& in_b = regions_b[label];
-    LabelOverlap overlap{label, 2 * double(shared[label]) / double(in_a.voxels + in_b.voxels),
-                         std::numeric_limits<double>::quiet_NaN()};
-    if (in_a.voxels > 0 && in_b.voxels > 0)
-      overlap.hausdorff95_mm = std::max(directed_percentile(in_a.surface, in_b.surface, 95),
-                                        directed_percentile(in_b.surface, in_a.surface, 95));
+    LabelOverlap overlap{.label = label, .dice = 2 * double(shared[label]) / double(in_a.voxels + in_b.voxels), .voxels_a = in_a.voxels, .voxels_b = in_b.voxels};
+    compare_surfaces(in_a, in_b, overlap);
     result.push_back(overlap);
   }
   return result;

@@ -58,11 +58,17 @@ struct JacobianStatistics {
   double minimum = 0, percentile_1 = 0, median = 0, percentile_99 = 0, maximum = 0;  ///< of det(I + grad u)
   std::size_t folded = 0;                                                            ///< voxels with det <= 0
   std::size_t voxels = 0;  ///< counted voxels (inside `where`)
+  double sd_log = 0;       ///< SDlogJ: standard deviation of log det where det > 0; NaN where none is
+  double sd_log_learn2reg = 0;  ///< as the Learn2Reg challenge computes it: of log(det + 3), det + 3 clipped to
+                                ///< [1e-9, 1e9], by central differences whatever the mask, two voxels inside the grid; NaN
+                                ///< where no voxel of the mask lies there
 };
 /// det(I + du/dX) by central differences between voxels of `where` (one-sided at its border), physical spacing and
 /// direction. A voxel without a neighbour in `where` along some axis is not counted. Throws an input error when none
 /// counts or the grids differ.
 JacobianStatistics jacobian_statistics(const VectorImage& displacement, const Mask& where);
+/// 1 at the voxels that count as folded there; both on the same grid.
+Mask folded_voxels(const VectorImage& displacement, const Mask& where);
 
 /// Linear resampling over exactly the same extent, with the voxel spacing nearest to `spacing_mm` that divides it.
 Image resample(const Image& image, const Vec3d& spacing_mm);
