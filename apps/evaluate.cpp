@@ -1,166 +1,17 @@
+#include "evaluate.hpp"
+
 #include <algorithm>
-#include <cmath>
 #include <cstdio>
-#include <optional>
 
 #include "core/error.hpp"
-#include "evaluation_report.hpp"
 #include "image_io/image_io.hpp"
 #include "imaging/same_grid.hpp"
 #include "io/output.hpp"
-#include "io/tables.hpp"
-#include "pipeline.hpp"
 
 namespace mtled {
 namespace {
 
-struct EvaluateOptions : CommonOptions {
-  std::filesystem::path fixed, moving, warped, mask, fixed_labels, moving_labels, warped_labels, fixed_landmarks, moving_landmarks, transform, inverse_transform, result, output;
-  bool slices = false;
-  EvaluationOptions evaluation;
-};
-
-constexpr double much_better = 0.5;       ///< the inverse is suspected when it leaves less than this part of the misfit
-constexpr double enough_overlap = 0.05;   ///< of the voxels, for a comparison of the two directions
-constexpr std::size_t rows_to_name = 10;  ///< of landmarks, in messages
-
-/// The map fixed -> moving and, if it is known, moving -> fixed.
-struct Maps {
-  DisplacementFunction there, back;
-  std::optional<DenseField> field;  ///< `there` on the fixed grid
-  bool computed_inverse = false;    ///< `there` was computed from `back`
-};
-
-void note(Json& report, const std::string& text) {
-  warn(text);
-  report["warnings"].push_back(text);
-}
-
-bool inside(const Grid& grid, const Vec3d& point) {
-  const Vec3d c = grid.index(point);
-  bool in = true;
-  for (int a = 0; a < 3; ++a) in = in && c[a] >= -0.5 && c[a] <= grid.size[a] - 0.5;
-  return in;
-}
-
-std::size_t count(const Mask& mask) { return std::size_t(std::count_if(mask.data.begin(), mask.data.end(), [](auto v) { return v != 0; })); }
-
-Mask intersection(Mask a, const Mask& b) {
-  for (std::size_t v = 0; v < a.data.size(); ++v) a.data[v] = a.data[v] && b.data[v];
-  return a;
-}
-
 std::size_t axes_of_one_voxel(const Grid& grid) { return std::size_t(std::count(grid.size.begin(), grid.size.end(), 1)); }
-
-Maps read_maps(EvaluateOptions& options, const Grid& fixed, const std::optional<Image>& moving) {
-  if (!options.result.empty()) {
-    if (options.transform.empty()) options.transform = options.result / "fixed_to_moving.nrrd";
-    if (options.inverse_transform.empty()) options.inverse_transform = options.result / "moving_to_fixed.nrrd";
-  }
-  Maps maps;
-  if (!options.transform.empty()) maps.there = read_transform(options.transform, "transform");
-  if (!options.inverse_transform.empty()) maps.back = read_transform(options.inverse_transform, "inverse transform");
-  if (maps.there) {
-    maps.field = sample_displacement(maps.there, fixed);
-  } else if (maps.back) {
-    maps.computed_inverse = true;
-    maps.field = with_context("inverse transform '" + options.inverse_transform.string() + "'", [&] { return inverted(maps.back, moving ? moving->grid : fixed, fixed); });
-    maps.there = [field = std::make_shared<VectorImage>(maps.field->displacement)](const Vec3d& y, Vec3d& v) { return linear_value(*field, y, v); };
-  }
-  return maps;
-}
-
-/// Corresponding points inside both images, and those left out.
-struct Landmarks {
-  std::vector<Vec3d> moving, fixed, mapped;  ///< mapped: fixed by the transform, if there is one
-  std::vector<std::size_t> rows, left_out;   ///< from 1
-};
-
-Landmarks read_landmarks(const EvaluateOptions& options, const Grid& fixed, const std::optional<Image>& moving, const Maps& maps) {
-  const bool one_file = !options.evaluation.landmarks.empty();
-  const std::filesystem::path& fixed_file = one_file ? options.evaluation.landmarks : options.fixed_landmarks;
-  const std::filesystem::path& moving_file = one_file ? options.evaluation.landmarks : options.moving_landmarks;
-  if (fixed_file.empty()) return {};
-  using Columns = std::vector<std::string>;
-  const std::vector<Vec3d> f = read_points(fixed_file, one_file ? Columns{"fx", "fy", "fz"} : Columns{"x", "y", "z"});
-  const std::vector<Vec3d> m = read_points(moving_file, one_file ? Columns{"mx", "my", "mz"} : Columns{"x", "y", "z"});
-  require(f.size() == m.size(), "'", fixed_file.string(), "' has ", f.size(), " landmarks, '", moving_file.string(), "' has ", m.size(), "; both need the same points in the same order");
-  require(!f.empty(), "'", fixed_file.string(), "' holds no landmarks; give at least one pair, or leave them out");
-  Landmarks landmarks;
-  for (std::size_t p = 0; p < f.size(); ++p) {
-    Vec3d v;
-    if (!inside(fixed, f[p]) || (moving && !inside(moving->grid, m[p])) || (maps.there && !maps.there(f[p], v))) {
-      landmarks.left_out.push_back(p + 1);
-      continue;
-    }
-    landmarks.rows.push_back(p + 1);
-    landmarks.fixed.push_back(f[p]);
-    landmarks.moving.push_back(m[p]);
-    landmarks.mapped.push_back(f[p] + v);
-  }
-  require(!landmarks.rows.empty(), "all ", f.size(), " landmarks lie outside the images (or the displacement field); coordinates must be LPS mm, and fixed and moving must not be swapped");
-  return landmarks;
-}
-
-void report_landmarks(const Landmarks& landmarks, const Maps& maps, Json& report) {
-  if (landmarks.rows.empty()) return;
-  Json& j = report["landmarks"];
-  j["before"] = describe(point_errors(landmarks.fixed, landmarks.moving));
-  if (maps.there) j["after"] = describe(point_errors(landmarks.mapped, landmarks.moving));
-  j["left_out_rows"] = landmarks.left_out;
-  if (landmarks.left_out.empty()) return;
-  std::string rows;
-  for (std::size_t p = 0; p < std::min(rows_to_name, landmarks.left_out.size()); ++p) rows += concatenate(p ? ", " : "", landmarks.left_out[p]);
-  if (landmarks.left_out.size() > rows_to_name) rows += ", ...";
-  note(report, concatenate(landmarks.left_out.size(), " of ", landmarks.left_out.size() + landmarks.rows.size(), " landmarks lie outside the images or the displacement field and are left out (row ", rows, ")"));
-}
-
-std::string landmark_table(const Landmarks& landmarks, const Maps& maps) {
-  std::string table = maps.there ? "row,fx,fy,fz,mx,my,mz,before_mm,after_mm\n" : "row,fx,fy,fz,mx,my,mz,before_mm\n";
-  for (std::size_t p = 0; p < landmarks.rows.size(); ++p) {
-    const Vec3d &f = landmarks.fixed[p], &m = landmarks.moving[p];
-    table += concatenate(landmarks.rows[p], ",", f.x, ",", f.y, ",", f.z, ",", m.x, ",", m.y, ",", m.z, ",", norm(f - m));
-    if (maps.there) table += concatenate(",", norm(landmarks.mapped[p] - m));
-    table += "\n";
-  }
-  return table;
-}
-
-/// Whether the transform taken as a map moving -> fixed fits much better, by landmarks and by the images.
-void check_direction(const EvaluateOptions& options, const Image& fixed, const std::optional<Image>& moving, const Mask& mask, const Maps& maps, const Landmarks& landmarks, Json& report) {
-  if (options.transform.empty()) return;
-  Json& j = report["direction"];
-  bool reversed = false;
-  std::vector<Vec3d> f, m, from_fixed, from_moving;
-  for (std::size_t p = 0; p < landmarks.rows.size(); ++p) {
-    Vec3d u;
-    if (!maps.there(landmarks.moving[p], u)) continue;
-    f.push_back(landmarks.fixed[p]), m.push_back(landmarks.moving[p]), from_fixed.push_back(landmarks.mapped[p]), from_moving.push_back(m.back() + u);
-  }
-  if (!f.empty()) {
-    const double given = point_errors(from_fixed, m).mean, other = point_errors(from_moving, f).mean;
-    j["landmarks_as_given_mm"] = given, j["landmarks_reversed_mm"] = other;
-    const Vec3d& s = fixed.grid.spacing;
-    reversed = given > std::max({s.x, s.y, s.z}) && other < much_better * given;
-  }
-  if (moving) {
-    try {
-      DenseField as_given = *maps.field, other = inverted(maps.there, moving->grid, fixed.grid);
-      Mask common = intersection(intersection(mask, as_given.covered), other.covered);
-      for (DenseField* field : {&as_given, &other}) common = intersection(common, keep_inside(field->displacement, moving->grid));
-      if (double(count(common)) >= enough_overlap * double(count(mask))) {
-        const auto correlation_by = [&](const DenseField& field) { return correlation(fixed, warp_image(*moving, field.displacement, Interpolation::linear, 0), common); };
-        const double r = correlation_by(as_given), r_other = correlation_by(other);
-        j["correlation_as_given"] = r, j["correlation_reversed"] = r_other, j["voxels"] = count(common);
-        reversed = reversed || 1 - r_other * r_other < much_better * (1 - r * r);
-      }
-    } catch (const Error&) {  // what has no inverse here is not the inverse
-    }
-  }
-  j["reversed_fits_better"] = reversed;
-  if (reversed)
-    note(report, "the transform seems to have the wrong direction: its inverse fits much better (see `direction` in evaluation.json). A transform must map points of the fixed to the moving image; give this one as --inverse-transform instead of --transform");
-}
 
 void report_labels(const EvaluateOptions& options, const Grid& fixed, const Maps& maps, const VectorImage& identity, Json& report) {
   std::optional<LabelImage> fixed_labels, moving_labels, after;
