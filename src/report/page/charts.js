@@ -47,7 +47,7 @@ const linear = (low, high) => ({ low, high, to: (v) => (v - low) / (high - low |
 /** Logarithmic above, linear around `knee`, so that zeros have a place. */
 function symlog(high, knee = 1) {
   const bend = (v) => Math.log1p(v / knee);
-  return { low: 0, high, to: (v) => bend(v) / bend(high), ticks: () => [0, 1, 2, 5, 10, 20, 50, 100, 200, 500].filter((t) => t <= high) };
+  return { low: 0, high, to: (v) => bend(v) / bend(high), ticks: () => [0, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500].filter((t) => t <= high && (t === 0 || t >= knee)) };
 }
 
 function logarithmic(low, high) {
@@ -131,7 +131,7 @@ function lineChart({ label, height, x, y, series, guides = [], show, stop }) {
       read(at + step);
     });
     readout.hidden = true;
-    return [root, readout];
+    return [direct || series.length < 2 ? null : legend(series), element("div", { class: "plot" }, root, readout)].filter(Boolean);
   });
 }
 

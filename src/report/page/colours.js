@@ -30,8 +30,7 @@ function colourRange(data) {
 }
 
 /** Pixels of the 256 bytes of a scalar volume: transparent where nothing is known. */
-function scalarTable(volume, opacity) {
-  const { low, high, stops } = colourRange(volume.data);
+function scalarTable(volume, opacity, { low, high, stops } = colourRange(volume.data)) {
   return Uint32Array.from({ length: 256 }, (_, byte) => (byte === 0 ? 0 : packed(...mapped(stops, (volume.value(byte) - low) / (high - low)), Math.round(255 * opacity))));
 }
 
@@ -62,15 +61,16 @@ function ticksBetween(low, high, wanted = 5) {
   return ticks;
 }
 
-/** A colour bar with its ticks, name and unit. `openEnd`: values above share the last colour; `extra`: swatches [colour, name] beside it. */
-function colourBar({ name, unit, low, high, stops, openEnd = false, extra = [] }) {
+/** A colour bar with its ticks, name and unit. `openStart`, `openEnd`: values beyond share the last colour; `extra`: swatches [colour, name] beside it. */
+function colourBar({ name, unit, low, high, stops, openStart = false, openEnd = false, extra = [] }) {
   const canvas = element("canvas", { width: 256, height: 1, class: "ramp" }), pen = canvas.getContext("2d");
   for (let x = 0; x < 256; ++x) {
     pen.fillStyle = `rgb(${mapped(stops, x / 255).join(" ")})`;
     pen.fillRect(x, 0, 1, 1);
   }
-  const ticks = ticksBetween(low, high, 4).map((value) =>
-    element("span", { style: `left:${(100 * (value - low)) / (high - low)}%` }, openEnd && Math.abs(value - high) < 1e-6 * Math.abs(high) ? `≥ ${brief(value)}` : brief(value)));
+  const near = (a, b) => Math.abs(a - b) < 1e-6 * (high - low), inner = ticksBetween(low, high, 4), ends = [...(openStart ? [low] : []), ...(openEnd ? [high] : [])];
+  const shown = [...inner.filter((t) => !ends.some((e) => Math.abs(e - t) < 0.22 * (high - low))), ...ends];
+  const ticks = shown.map((value) => element("span", { style: `left:${(100 * (value - low)) / (high - low)}%` }, (openEnd && near(value, high) ? "≥ " : openStart && near(value, low) ? "≤ " : "") + brief(value)));
   const title = unit ? `${name} [${unit}]` : name;
   return element("figure", { class: "colourbar", "aria-label": `Colour bar: ${title}, ${brief(low)} to ${brief(high)}` },
     element("figcaption", {}, title), element("div", { class: "ramp-box" }, canvas, element("div", { class: "ticks" }, ticks)),

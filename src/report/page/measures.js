@@ -12,7 +12,7 @@ function edgesSection(report) {
     const series = candidates.map((c) => ({ name: c.name, style: seriesIndex(report.candidates, c.id), every: 10, direct: true, points: (report.edges[c.id][key] ?? []).map((mm, i) => [i + 1, mm]) }));
     const high = Math.max(1, ...series.flatMap((s) => s.points.map((p) => p[1])).filter(known)), y = state.log ? symlog(high * 1.1) : linear(0, high * 1.05);
     const percents = first.percent ?? [60, 75, 85, 95];
-    place.replaceChildren(legend(series),
+    place.replaceChildren(
       lineChart({ label: `Hausdorff distance over percentile, ${state.all ? "all" : "consistent"} edges`, height: 380, x: { ...linear(0, 100), title: "Percentile of edge voxels [%]", marks: [0, 20, 40, ...percents, 100] },
         y: { ...y, title: `Hausdorff distance [mm], ${state.all ? "all edges" : "consistent edges"}` }, series,
         guides: [...percents.map((x) => ({ x })), ...(known(first.two_voxels_mm) && first.two_voxels_mm <= y.high ? [{ y: first.two_voxels_mm, name: `two voxels, ${brief(first.two_voxels_mm)} mm` }] : [])],
@@ -50,13 +50,13 @@ function landmarksSection(report) {
     return { name: c.name, style: seriesIndex(report.candidates, c.id), every: Math.max(1, Math.round(sorted.length / 8)), direct: false, points: [[0, 0], ...sorted.map((mm, i) => [mm, (100 * (i + 1)) / sorted.length])] };
   });
   const columns = [["Mean", "mean_mm"], ["Median", "median_mm"], ["95 %", "percentile_95_mm"], ["Largest", "max_mm"]];
-  const chart = series.length ? [legend(series), lineChart({ label: "Share of landmarks within a distance", height: 280, series, x: { ...linear(0, Math.max(...series.map((s) => s.points.at(-1)[0])) * 1.02 || 1), title: "Distance [mm]" }, y: { ...linear(0, 100), title: "Landmarks within the distance [%]" },
-    show: (share) => (known(share) ? `${decimals(share, 0)} %` : "–"), stop: (mm) => `${decimals(mm)} mm` })] : null;
-  return section("landmarks", "Landmarks", dataTable("Distances between corresponding landmarks [mm]", [
+  const chart = series.length ? lineChart({ label: "Share of landmarks within a distance", height: 280, series, x: { ...symlog(Math.max(1, ...series.map((s) => s.points.at(-1)[0])) * 1.05, 0.2), title: "Distance [mm], logarithmic above 0.2" }, y: { ...linear(0, 100), title: "Landmarks within the distance [%]" },
+    show: (share) => (known(share) ? `${decimals(share, 0)} %` : "–"), stop: (mm) => `${decimals(mm)} mm` }) : null;
+  return section("landmarks", "Landmarks", element("div", { class: chart ? "halves" : "" }, dataTable("Distances between corresponding landmarks [mm]", [
     { name: "", text: true, show: (c) => [seriesKey(seriesIndex(report.candidates, c.id)), ` ${c.name}`] },
     { name: "Points", show: (c) => count(report.landmarks[c.id].points) },
     ...columns.map(([name, key]) => ({ name, unit: "mm", show: (c) => decimals(report.landmarks[c.id][key]) })),
-  ], candidates), chart);
+  ], candidates), chart));
 }
 
 /** Overlap and surface distances of labels, and how rigid each of them stays. */
@@ -76,7 +76,7 @@ function labelsSection(report) {
     { name: "Largest", unit: "mm", show: (r) => decimals(r.largest_mm) },
     { name: "", text: true, show: (r) => deviationMark(r.rms_mm) },
   ], report.rigidity) : null;
-  return section("labels", overlap && rigidity ? "Labels and rigidity" : overlap ? "Labels" : "Rigidity", overlap, rigidity);
+  return section("labels", overlap && rigidity ? "Labels and rigidity" : overlap ? "Labels" : "Rigidity", overlap || rigidity ? element("div", { class: "tables" }, [overlap, rigidity].filter(Boolean)) : null);
 }
 
 const largestGoodDeviation = 0.5; // mm rms: more is warned of by the program, too

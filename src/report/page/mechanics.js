@@ -21,7 +21,7 @@ function convergenceCharts(solver) {
     const [from, to] = [Math.min(low ?? 0, ...there), Math.max(high ?? -Infinity, ...there) * (high ? 1 : 1.05) || 1];
     charts.push(lineChart({ label: `${name} over the relaxation step`, height: 190, x, stop, series: line(name, values), show: (v) => `${brief(v, 4)} ${unit}`.trim(), y: { ...linear(from, to), title: unit ? `${name} [${unit}]` : name } }));
   }
-  return element("div", { class: "convergence" }, element("h3", {}, "Convergence"), charts);
+  return [element("h3", {}, "Convergence"), charts];
 }
 
 /** Nodes, convergence, tissue and what the solver says. */
@@ -34,6 +34,7 @@ function mechanicsSection(report) {
     ["Steps", known(solver.steps) ? count(solver.steps) : null], ["Nodes", known(solver.nodes) ? count(solver.nodes) : null], ["Integration points", known(solver.points) ? count(solver.points) : null],
     ["Device", solver.device], ["Body", known(tissue?.body_litres) ? `${decimals(tissue.body_litres, 1)} litres` : null],
   ]) : null;
-  const sides = [cloud, solver ? attempt("Convergence", () => convergenceCharts(solver)) : null].filter(Boolean);
-  return section("mechanics", "Mechanics", about, sides.length ? element("div", { class: sides.length > 1 ? "halves" : "" }, sides) : null, tissue?.classes?.length ? tissueTable(tissue) : null);
+  const right = [solver ? attempt("Convergence", () => convergenceCharts(solver)) : null, tissue?.classes?.length ? tissueTable(tissue) : null].flat(Infinity).filter(Boolean);
+  const sides = [cloud, right.length ? element("div", {}, right) : null].filter(Boolean);
+  return section("mechanics", "Mechanics", about, sides.length ? element("div", { class: sides.length > 1 ? "halves" : "" }, sides) : null);
 }

@@ -1,5 +1,5 @@
 // What the viewer can show. Each mode: name; ready(v), whether its data are there; base(v), the volume whose grid is seen; volumes(v), the ids it needs;
-// pair(v), the candidates of the two rows when they are side by side; title(v, panel); layers(v, panel, slice), [pixels, smooth] from back to front; controls(v); legend(v).
+// pair(v), the candidates of the two rows when they are side by side; title(v, panel); layers(v, panel, slice), [pixels, smooth] from back to front; controls(v); legend(v); aside(v), what stands beside the planes.
 
 const greyLayer = (v, plane, id, slice) => [slicePixels(plane, v.volumes[id], slice, greyTable(v.volumes[id], v.window)), true];
 
@@ -16,7 +16,8 @@ function foldedLayer(v, plane, slice) {
   return [slicePixels(plane, volume, slice, table), false];
 }
 
-const scalarLegend = (volume, extra) => colourBar({ ...colourRange(volume.data), name: volume.name, unit: volume.data.unit, openEnd: volume.data.open_end, extra });
+const scalarLegend = (volume, extra, range = colourRange(volume.data), openBoth = false) => colourBar({ ...range, name: volume.name, unit: volume.data.unit, openEnd: volume.data.open_end || openBoth, openStart: openBoth, extra });
+const ratioRange = (v) => ({ low: 1 - v.ratio, high: 1 + v.ratio, stops: blueWhiteOrange });
 const opacityControl = (v) => slider("Opacity", { min: 0, max: 1, step: 0.05, value: v.opacity, show: (o) => `${Math.round(100 * o)} %` }, (o) => v.set({ opacity: o }));
 const candidateControl = (v) => (v.candidates.length > 1 ? segmented("Compare with", v.candidates.map((c) => [c.id, c.name]), v.candidate, (id) => v.set({ candidate: id }), true) : null);
 const pairControl = (v) => (v.mode.pair?.(v) ? toggle("Before and after side by side", v.sideBySide, (on) => v.set({ sideBySide: on }, true)) : null);
@@ -125,9 +126,9 @@ const modes = {
     base: () => "jacobian",
     volumes: (v) => ["fixed", "jacobian"].filter((id) => v.volumes[id]),
     title: () => "",
-    layers: (v, panel, slice) => [v.volumes.fixed ? greyLayer(v, panel.plane, "fixed", slice) : null, [slicePixels(panel.plane, v.volumes.jacobian, slice, scalarTable(v.volumes.jacobian, v.opacity)), true], foldedLayer(v, panel.plane, slice)],
-    controls: (v) => [opacityControl(v)],
-    legend: (v) => element("div", { class: "legends" }, scalarLegend(v.volumes.jacobian, [[folded, "folded (det J ≤ 0)"]]), note("Determinant of the gradient of the map from fixed to moving: above 1 the tissue is smaller in the fixed image than in the moving one, below 1 larger.")),
+    layers: (v, panel, slice) => [v.volumes.fixed ? greyLayer(v, panel.plane, "fixed", slice) : null, [slicePixels(panel.plane, v.volumes.jacobian, slice, scalarTable(v.volumes.jacobian, v.opacity, ratioRange(v))), true], foldedLayer(v, panel.plane, slice)],
+    controls: (v) => [opacityControl(v), choice("Range", v.ratios.all.map((half) => [half, `1 ± ${brief(half)}`]), v.ratio, (half) => v.set({ ratio: Number(half) }))],
+    legend: (v) => element("div", { class: "legends" }, scalarLegend(v.volumes.jacobian, [[folded, "folded (det J ≤ 0)"]], ratioRange(v), v.ratio < v.ratios.all.at(-1)), note("Determinant of the gradient of the map from fixed to moving: above 1 the tissue is smaller in the fixed image than in the moving one, below 1 larger.")),
   },
   shear: {
     name: "Shear modulus",
@@ -137,6 +138,7 @@ const modes = {
     title: () => "Moving image",
     layers: (v, panel, slice) => [v.volumes.moving ? greyLayer(v, panel.plane, "moving", slice) : null, [slicePixels(panel.plane, v.volumes.shear_modulus, slice, scalarTable(v.volumes.shear_modulus, v.opacity)), true]],
     controls: (v) => [opacityControl(v)],
-    legend: (v) => element("div", { class: "legends" }, scalarLegend(v.volumes.shear_modulus), v.report.tissue?.classes?.length ? tissueTable(v.report.tissue) : null),
+    legend: (v) => scalarLegend(v.volumes.shear_modulus),
+    aside: (v) => (v.report.tissue?.classes?.length ? tissueTable(v.report.tissue) : null),
   },
 };

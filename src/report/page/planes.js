@@ -53,14 +53,14 @@ function drawLayer(pen, view, size, pixels, smooth) {
   pen.drawImage(scratch, view.left, view.top, scratch.width * view.scale, scratch.height * view.scale);
 }
 
-function haloText(pen, text, x, y, align, baseline, size) {
+/** White text on a dark plate, readable on any picture. */
+function platedText(pen, text, x, y, align, baseline, size) {
   pen.font = `600 ${size}px system-ui, sans-serif`;
   pen.textAlign = align;
   pen.textBaseline = baseline;
-  pen.lineJoin = "round";
-  pen.lineWidth = size / 4;
-  pen.strokeStyle = "rgb(0 0 0 / 0.75)";
-  pen.strokeText(text, x, y);
+  const box = pen.measureText(text), edge = size * 0.3;
+  pen.fillStyle = "rgb(0 0 0 / 0.6)";
+  pen.fillRect(x - box.actualBoundingBoxLeft - edge, y - box.actualBoundingBoxAscent - edge, box.actualBoundingBoxLeft + box.actualBoundingBoxRight + 2 * edge, box.actualBoundingBoxAscent + box.actualBoundingBoxDescent + 2 * edge);
   pen.fillStyle = "#fff";
   pen.fillText(text, x, y);
 }
@@ -68,11 +68,15 @@ function haloText(pen, text, x, y, align, baseline, size) {
 /** Orientation letters, scale bar and, top left, the name of what is seen. */
 function drawFrame(pen, plane, view, spacing, dpr, title) {
   const { width, height } = pen.canvas, pad = 8 * dpr, letter = 13 * dpr;
-  haloText(pen, plane.letters.left, pad, height / 2, "left", "middle", letter);
-  haloText(pen, plane.letters.right, width - pad, height / 2, "right", "middle", letter);
-  haloText(pen, plane.letters.top, width / 2, pad, "center", "top", letter);
-  haloText(pen, plane.letters.bottom, width / 2, height - pad, "center", "bottom", letter);
-  if (title) haloText(pen, title, pad, pad, "left", "top", 12 * dpr);
+  platedText(pen, plane.letters.left, pad, height / 2, "left", "middle", letter);
+  platedText(pen, plane.letters.right, width - pad, height / 2, "right", "middle", letter);
+  platedText(pen, plane.letters.top, width / 2, pad, "center", "top", letter);
+  platedText(pen, plane.letters.bottom, width / 2, height - pad, "center", "bottom", letter);
+  if (title) {
+    pen.font = `600 ${12 * dpr}px system-ui, sans-serif`;
+    const narrow = pen.measureText(title).width > width / 2 - 4 * pad;
+    platedText(pen, title, pad, narrow ? 3.2 * pad : pad, "left", "top", 12 * dpr);
+  }
   const perMm = view.scale / spacing, length = [500, 200, 100, 50, 20, 10, 5, 2, 1].find((mm) => mm * perMm <= width / 3) ?? 1;
   const [x, y] = [width - pad - length * perMm, height - pad - 2 * dpr];
   for (const [colour, line] of [["rgb(0 0 0 / 0.75)", 4], ["#fff", 2]]) {
@@ -85,7 +89,7 @@ function drawFrame(pen, plane, view, spacing, dpr, title) {
     pen.lineTo(x + length * perMm, y - 4 * dpr);
     pen.stroke();
   }
-  haloText(pen, `${length} mm`, x + (length * perMm) / 2, y - 5 * dpr, "center", "bottom", 11 * dpr);
+  platedText(pen, `${length} mm`, x + (length * perMm) / 2, y - 5 * dpr, "center", "bottom", 11 * dpr);
 }
 
 /** Lines through the position, open around it. */

@@ -8,13 +8,14 @@ class Viewer {
     this.arrows = arrows ? new Arrows(arrows) : null;
     this.candidates = (report.candidates ?? []).filter((c) => this.volumes[c.id]?.data.kind === "grey" && this.volumes[c.id].data.space === "fixed");
     this.edgeSets = this.volumes.edges ? Object.values(this.volumes.edges.data.bits) : [];
+    this.ratios = ratioRanges(this.volumes.jacobian?.data, report.jacobian);
     const last = this.candidates.at(-1)?.id ?? null, lead = this.volumes.fixed ?? this.grey[0];
     this.edgesShown = new Set(this.edgeSets.filter((id) => id !== "rigid" || !this.edgeSets.some((other) => edgeRole(other) === "registered")));
     const range = lead ? lead.data.high - lead.data.low : 1;
     this.reaches = [0.05, 0.1, 0.2, 0.5, 1].map((part) => Number((part * range).toPrecision(1)));
     Object.assign(this, {
       image: lead?.id, candidate: last, sideBySide: innerWidth >= 700, colourSafe: false, flickered: false, rate: 1, tile: 30, reach: this.reaches[2],
-      playing: !matchMedia("(prefers-reduced-motion: reduce)").matches, opacity: 0.6, arrowsShown: true, crosshair: true, zoom: 1, enlarged: null,
+      playing: !matchMedia("(prefers-reduced-motion: reduce)").matches, opacity: 0.6, ratio: this.ratios.fitting, arrowsShown: true, crosshair: true, zoom: 1, enlarged: null,
       window: lead ? this.windowOf(lead, 0) : { low: 0, high: 1 }, positions: {}, wait: null,
     });
     for (const [id, { size, spacing_mm: s, origin_mm: o }] of Object.entries(spaces)) this.positions[id] = size.map((n, a) => o[a] + s * Math.floor(n / 2));
@@ -51,10 +52,11 @@ class Viewer {
     this.grid = element("div", { class: "planes" });
     this.readout = element("dl", { class: "readout", "aria-live": "off" });
     this.legend = element("div", { class: "viewer-legend" });
+    this.aside = element("div", { class: "aside" });
     this.message = element("p", { class: "notice bad", role: "alert", hidden: true });
     this.root = element("div", { class: "viewer" },
       segmented("What the viewer shows", this.modes.map(([id, mode]) => [id, mode.name]), this.modeName, (id) => this.change(id)),
-      this.controls, this.message, this.grid, this.legend, this.readout,
+      this.controls, this.message, this.legend, this.readout, element("div", { class: "beside" }, element("div", { class: "planes-box" }, this.grid), this.aside),
       note("Click or drag in a plane to move all three. Then the wheel or the arrow keys step through its slices; Page Up and Page Down step by ten."));
     this.root.addEventListener("keydown", (event) => event.key === "Escape" && this.enlarged && this.set({ enlarged: null }, true));
     new ResizeObserver(() => this.redraw()).observe(this.grid);
@@ -103,8 +105,9 @@ class Viewer {
       toggle("Crosshair", this.crosshair, (on) => this.set({ crosshair: on }))].filter(Boolean));
     const rows = this.rows(), { size, spacing_mm: s } = this.space;
     const names = Object.keys(planes).filter((name) => !this.enlarged || name === this.enlarged);
-    this.panels = rows.flatMap((candidate, row) => names.map((name) => new Panel(this, name, candidate, row === rows.length - 1)));
+    this.panels = rows.flatMap((candidate, row) => names.map((name) => new Panel(this, name, candidate, { first: row === 0, last: row === rows.length - 1 })));
     this.grid.replaceChildren(...this.panels.map((panel) => panel.root));
+    this.aside.replaceChildren(...[this.mode.aside?.(this)].filter(Boolean));
     this.grid.classList.toggle("pair", rows.length > 1);
     this.grid.classList.toggle("enlarged", Boolean(this.enlarged));
     const widths = names.map((name) => Math.max(size[planes[name].across], 0.55 * Math.max(...size)));
@@ -169,6 +172,14 @@ class Viewer {
   }
 }
 
+/** Half widths around 1 that the colours of the volume ratio may span; the fitting one holds 98 % of the body where its percentiles are known. */
+function ratioRanges(data, jacobian) {
+  if (!data) return { all: [], fitting: 0 };
+  const { low, high } = colourRange(data), whole = (high - low) / 2, all = [...[0.05, 0.1, 0.2, 0.5].filter((half) => half < whole), whole];
+  const needed = jacobian ? Math.max(Math.abs(jacobian.percentile_1 - 1), Math.abs(jacobian.percentile_99 - 1)) : whole;
+  return { all, fitting: all.find((half) => half >= needed) ?? whole };
+}
+
 /** Presets and ends of the grey window. */
 function windowControls(v, volume) {
   const { windows = [], unit = "" } = volume.data, full = { name: "Full range", low: volume.data.low, high: volume.data.high };
@@ -196,16 +207,17 @@ function readings(v) {
 
 /** One plane: its canvas, slider and button to enlarge it. */
 class Panel {
-  constructor(viewer, name, candidate, last) {
+  constructor(viewer, name, candidate, { first, last }) {
     Object.assign(this, { viewer, name, candidate, plane: planes[name] });
     const { normal } = this.plane, { size } = viewer.space;
     this.canvas = element("canvas", { tabindex: 0, role: "img", "data-plane": name, "data-row": candidate ?? "" });
     this.slider = element("input", { type: "range", min: 0, max: size[normal] - 1, step: 1, "aria-label": `${this.plane.name} slice`, input: (e) => viewer.step(normal, Number(e.target.value) - viewer.voxel()[normal]) });
     this.place = element("output", {});
     const larger = viewer.enlarged === name;
-    this.root = element("figure", { class: "plane", style: `--own:${(size[this.plane.down] / size[this.plane.across]).toFixed(3)}` },
+    this.root = element("figure", { class: first ? "plane" : "plane later", style: `--own:${(size[this.plane.down] / size[this.plane.across]).toFixed(3)}` },
       element("figcaption", {}, element("b", {}, this.plane.name), this.place,
-        button(larger ? "Show all planes" : "Enlarge", () => viewer.set({ enlarged: larger ? null : name }, true), { class: "small", "aria-label": larger ? "Show all planes" : `Enlarge the ${name} plane` })),
+        button(svg("svg", { viewBox: "0 0 16 16", "aria-hidden": "true" }, svg("path", { d: larger ? "M6.5 2v4.5H2M9.5 14V9.5H14M6.5 6.5 2 2M9.5 9.5 14 14" : "M9.5 2H14v4.5M6.5 14H2V9.5M14 2 9.5 6.5M2 14l4.5-4.5" })), () => viewer.set({ enlarged: larger ? null : name }, true),
+          { class: "icon", title: larger ? "Show all planes (Escape)" : "Enlarge this plane", "aria-label": larger ? "Show all planes" : `Enlarge the ${name} plane` })),
       element("div", { class: "canvas-box" }, this.canvas), last || viewer.enlarged ? this.slider : null);
     this.listen();
   }
