@@ -1,0 +1,33 @@
+const inputOf = (report, ...words) => (report.inputs ?? []).find((input) => words.every((word) => input.role.toLowerCase().includes(word)));
+
+const named = (input) => element("span", { class: "file", title: input.path }, shortPath(input.path));
+
+/** What was registered with what, or evaluated against what. */
+function titleSection(report) {
+  const fixed = inputOf(report, "fixed", "image"), moving = inputOf(report, "moving", "image"), judged = inputOf(report, "warped", "image") ?? inputOf(report, "transform");
+  const first = report.kind === "register" ? moving : judged ?? moving;
+  const heading = first && fixed
+    ? [named(first), element("span", { class: "joining" }, report.kind === "register" ? " brought onto " : " judged against "), named(fixed)]
+    : [report.kind === "register" ? "Registration" : "Evaluation of a registration"];
+  const images = (report.inputs ?? []).filter((input) => /image|transform/i.test(input.role));
+  document.title = `${first && fixed ? `${shortPath(first.path)} – ${shortPath(fixed.path)}` : heading[0]} · mtled`;
+  return element("header", { class: "title" },
+    element("p", { class: "kind" }, report.kind === "register" ? "Registration report" : "Evaluation report"),
+    element("h1", {}, heading),
+    facts([...images.map((input) => [capital(input.role), element("span", {}, named(input), element("small", {}, sizeOf(input)))]),
+      ["Program", report.program], ["Written", report.created]]));
+}
+
+const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
+
+/** The verdict: one sentence, what it rests on, and warnings. */
+function verdictSection(report) {
+  const { level, headline, items = [] } = report.verdict;
+  const cards = (items ?? []).map((item) => element("li", { class: `card ${item.level}` },
+    element("div", { class: "card-head" }, element("span", { class: "card-label" }, item.label), mark(item.level)),
+    element("p", { class: "card-value" }, item.value), item.compared ? element("p", { class: "card-compared" }, item.compared) : null, item.detail ? element("p", { class: "card-detail" }, item.detail) : null));
+  const warnings = report.warnings ?? [];
+  return section("verdict", "Verdict", element("div", { class: `headline ${level}` }, mark(level), element("p", {}, headline)),
+    cards.length ? element("ul", { class: "cards" }, cards) : null,
+    warnings.length ? element("div", { class: "notice check" }, element("h3", {}, mark("check", warnings.length > 1 ? `${warnings.length} warnings` : "Warning")), element("ul", {}, warnings.map((text) => element("li", {}, text)))) : null);
+}
