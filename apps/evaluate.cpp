@@ -7,9 +7,12 @@
 #include "image_io/image_io.hpp"
 #include "imaging/same_grid.hpp"
 #include "io/output.hpp"
+#include "report.hpp"
 
 namespace mtled {
 namespace {
+
+constexpr double report_margin_mm = 20;  ///< around what is compared
 
 std::size_t axes_of_one_voxel(const Grid& grid) { return std::size_t(std::count(grid.size.begin(), grid.size.end(), 1)); }
 
@@ -56,6 +59,37 @@ void print_report(const Json& report) {
     const Json& c = report["field"]["inverse_consistency"];
     std::printf("inverse consistency: mean %.3f, 95 %% %.3f, max %.3f mm\n", c["mean_mm"].get<double>(), c["percentile_95_mm"].get<double>(), c["max_mm"].get<double>());
   }
+}
+
+/// What the report shows of images and field.
+ReportView view_of(const Image& fixed, const std::optional<Image>& moving, const std::optional<Image>& warped, const Maps& maps, const Mask& where) {
+  ReportView view;
+  view.add_space("fixed", view_grid(fixed.grid, report_voxels, &where, report_margin_mm));
+  const GreyScale scale = grey_scale_of(fixed);
+  view.add_image("fixed", "Fixed image", "fixed", fixed, scale);
+  if (moving) view.add_image("before", "Moving image, as it was", "fixed", *moving, scale);
+  if (warped) view.add_image("after", "Moving image, registered", "fixed", *warped, scale);
+  if (maps.field) add_field(view, maps.field->displacement, intersection(where, maps.field->covered));
+  return view;
+}
+
+Json report_facts(const EvaluateOptions& options, const Image& fixed, const std::optional<Image>& moving, const Json& evaluation) {
+  Json facts = facts_of_evaluation(evaluation);
+  facts["inputs"] = Json::array();
+  const auto list = [&](const char* role, const std::filesystem::path& path, const Grid* grid = nullptr) {
+    if (!path.empty()) list_input(facts["inputs"], role, path.string(), grid);
+  };
+  list("fixed", options.fixed, &fixed.grid);
+  list("moving", options.moving, moving ? &moving->grid : nullptr);
+  list("warped", options.warped, &fixed.grid);
+  list("transform", options.transform);
+  list("inverse-transform", options.inverse_transform);
+  list("mask", options.mask);
+  list("fixed-labels", options.fixed_labels);
+  list("moving-labels", options.moving_labels);
+  list("warped-labels", options.warped_labels);
+  for (const auto* file : {&options.evaluation.landmarks, &options.fixed_landmarks, &options.moving_landmarks}) list("landmarks", *file);
+  return facts;
 }
 
 void check_usage(const CLI::App& verb, const EvaluateOptions& options) {
@@ -116,7 +150,11 @@ void run(CLI::App& verb, EvaluateOptions& options) {
   if (before) candidates.push_back({"before", &*before});
   if (warped) candidates.push_back({"after", &*warped});
   for (const NamedImage& c : candidates) report["correlation"][c.name] = correlation(fixed, *c.image, where);
-  if (!candidates.empty()) report["edges"] = compare_edges_of(fixed, candidates, canny, where, moving ? &moving->grid : nullptr, options.slices ? EdgeSpace::slices : EdgeSpace::volume);
+  std::optional<ReportView> view;
+  if (options.report) view = view_of(fixed, moving, warped, maps, where);
+  if (!candidates.empty())
+    report["edges"] = compare_edges_of(fixed, candidates, canny, where, moving ? &moving->grid : nullptr, options.slices ? EdgeSpace::slices : EdgeSpace::volume,
+                                       [&](const std::string& name, const Mask& edges) { if (view) view->add_edges(name, edges); });
   report_labels(options, fixed.grid, maps, identity, report);
   report_landmarks(landmarks, maps, report);
   if (maps.field) report_field(mask, maps, report);
@@ -126,6 +164,7 @@ void run(CLI::App& verb, EvaluateOptions& options) {
   if (report.contains("labels")) write_text(output / "labels.csv", label_table(report["labels"]));
   if (report.contains("landmarks")) write_text(output / "landmarks.csv", landmark_table(landmarks, maps));
   write_text(output / "evaluation.json", report.dump(1) + "\n");
+  if (view) write_report(output / "report.html", report_facts(options, fixed, moving, report), *view);
   print_report(report);
 }
 
@@ -147,7 +186,8 @@ void add_evaluate(CLI::App& program) {
   verb->add_option("--fixed-landmarks", options->fixed_landmarks, "CSV with x,y,z: points in the fixed image [mm, LPS]")->type_name("FILE");
   verb->add_option("--moving-landmarks", options->moving_landmarks, "CSV with x,y,z: the same points in the moving image, in the same order")->type_name("FILE");
   verb->add_flag("--slices", options->slices, "2-D edges, compared slice by slice (along k), instead of 3-D ones");
-  verb->add_option("--output,-o", options->output, "folder for evaluation.json and tables")->type_name("DIR");
+  verb->add_flag("!--no-report", options->report, "do not write report.html");
+  verb->add_option("--output,-o", options->output, "folder for evaluation.json, report.html and tables")->type_name("DIR");
   add_evaluation_options(*verb, options->evaluation);
   add_common(*verb, *options, true);
   verb->callback([verb, options] { run(*verb, *options); });

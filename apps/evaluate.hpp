@@ -8,7 +8,7 @@ namespace mtled {
 
 struct EvaluateOptions : CommonOptions {
   std::filesystem::path fixed, moving, warped, mask, fixed_labels, moving_labels, warped_labels, fixed_landmarks, moving_landmarks, transform, inverse_transform, result, output;
-  bool slices = false;
+  bool slices = false, report = true;
   EvaluationOptions evaluation;
 };
 

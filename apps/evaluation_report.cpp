@@ -72,14 +72,18 @@ Json describe(const std::vector<LabelOverlap>& overlap) {
   return j;
 }
 
-Json compare_edges_of(const Image& fixed, const std::vector<NamedImage>& candidates, const CannyOptions& canny, const Mask& where, const Grid* source, EdgeSpace space) {
+Json compare_edges_of(const Image& fixed, const std::vector<NamedImage>& candidates, const CannyOptions& canny, const Mask& where, const Grid* source, EdgeSpace space,
+                      const std::function<void(const std::string& name, const Mask& edges)>& seen) {
   const auto find_edges = space == EdgeSpace::slices ? canny_edges_of_slices : canny_edges;
   const Mask edges = find_edges(fixed, canny, &where);
+  if (seen) seen("fixed", edges);
   const auto largest_spacing = [&](const Grid& g) { return std::max({g.spacing.x, g.spacing.y, space == EdgeSpace::slices ? 0 : g.spacing.z}); };
   const double largest_voxel = largest_spacing(fixed.grid), source_voxel = source ? largest_spacing(*source) : 0;
   Json j = Json::object();
   for (const NamedImage& c : candidates) {
-    const EdgeDistance d = compare_edges(edges, find_edges(*c.image, canny, &where), largest_voxel, space, source_voxel);
+    const Mask of_candidate = find_edges(*c.image, canny, &where);
+    if (seen) seen(c.name, of_candidate);
+    const EdgeDistance d = compare_edges(edges, of_candidate, largest_voxel, space, source_voxel);
     if (!d.comparable())
       warn(concatenate(c.name, ": no edges to compare (", d.edges_a, " edge voxels in the fixed image, ", d.edges_b, " in the other); lower --canny-lower and --canny-upper, which are meant for CT (HU per mm), or check the images and their mask"));
     j[c.name] = describe(d);

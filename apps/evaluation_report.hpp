@@ -28,7 +28,9 @@ struct NamedImage {
   std::string name;
   const Image* image;
 };
-Json compare_edges_of(const Image& fixed, const std::vector<NamedImage>& candidates, const CannyOptions& canny, const Mask& where, const Grid* source, EdgeSpace space = EdgeSpace::volume);
+/// `seen` gets the edges of the fixed image ("fixed") and of each candidate.
+Json compare_edges_of(const Image& fixed, const std::vector<NamedImage>& candidates, const CannyOptions& canny, const Mask& where, const Grid* source, EdgeSpace space = EdgeSpace::volume,
+                      const std::function<void(const std::string& name, const Mask& edges)>& seen = {});
 
 /// One line per candidate for the terminal: percentile Hausdorff distances of consistent edges and how many these are,
 /// and the share of edges within two voxels, of the consistent ones and of all (the consistency filter hides large errors).

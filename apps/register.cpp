@@ -17,6 +17,8 @@
 #include "io/solution_output.hpp"
 #include "io/tables.hpp"
 #include "pipeline.hpp"
+#include "report.hpp"
+#include "report/node_cloud.hpp"
 
 namespace mtled {
 namespace {
@@ -31,10 +33,11 @@ struct RegisterOptions : CommonOptions {
   std::filesystem::path points;
   Interpolation interpolation = Interpolation::linear;
   double outside = -1000;
-  bool evaluate = true;
+  bool evaluate = true, report = true;
 };
 
 constexpr double inverse_tolerance_mm = 0.01;
+constexpr double report_margin_mm = 20;      ///< around the body: what the report shows
 constexpr double evaluation_margin_mm = 10;  ///< around the body: the skin's edges and where a bad candidate puts them
 
 /// Books wall time and peak memory so far per stage.
@@ -101,7 +104,7 @@ Json landmark_errors(const Landmarks& landmarks, const RigidMotion& rigid, const
 }
 
 Json evaluate(const RegisterOptions& options, const ImagePair& pair, const Tissue& tissue, const BoneLoads& loads, const Landmarks& landmarks,
-              const Deformation& deformation, const DenseField& forward, const DenseField& inverse, const Image& warped) {
+              const Deformation& deformation, const DenseField& forward, const DenseField& inverse, const Image& warped, ReportView* view) {
   announce(options, "evaluating");
   Json report;
   Mask fixed_region = evaluation_region(inverse.covered);
@@ -110,7 +113,9 @@ Json evaluate(const RegisterOptions& options, const ImagePair& pair, const Tissu
   const Image before = warp_image_rigidly(pair.moving, pair.fixed.grid, identity, Interpolation::linear, float(options.outside));
   const Image rigidly = warp_image_rigidly(pair.moving, pair.fixed.grid, rigid, Interpolation::linear, float(options.outside));
   write_png(options.output / "overlay.png", overlay_figure(pair.fixed, {{"before", &before}, {"rigid registration", &rigidly}, {"mtled", &warped}}));
-  report["edges"] = compare_edges_of(pair.fixed, {{"before", &before}, {"rigid", &rigidly}, {"mtled", &warped}}, options.evaluation.canny, fixed_region, &pair.moving.grid);
+  report["edges"] = compare_edges_of(pair.fixed, {{"before", &before}, {"rigid", &rigidly}, {"mtled", &warped}}, options.evaluation.canny, fixed_region, &pair.moving.grid, EdgeSpace::volume,
+                                     [&](const std::string& name, const Mask& edges) { if (view) view->add_edges(name, edges); });
+  if (view) view->add_image("rigid", "Moving image, rigidly registered", "fixed", rigidly, grey_scale_of(pair.fixed));
   if (!landmarks.moving.empty()) report["landmarks"] = landmark_errors(landmarks, rigid, warp_points(landmarks.moving, deformation.function(), forward.displacement));
   if (loads.fixed_labels) {
     report["labels"]["before"] = describe(label_overlap(resample_labels(loads.labels, pair.fixed.grid), *loads.fixed_labels));
@@ -136,7 +141,7 @@ void print_summary(const Json& metrics, const std::filesystem::path& output) {
     for (const auto& [name, e] : metrics["landmarks"].items())
       std::printf("landmarks %-8s mean %.2f, median %.2f, 95 %% %.2f, max %.2f mm (%d points)\n", name.c_str(), e["mean_mm"].get<double>(), e["median_mm"].get<double>(),
                   e["percentile_95_mm"].get<double>(), e["max_mm"].get<double>(), e["points"].get<int>());
-  std::printf("results in %s: warped.nii.gz, fixed_to_moving.h5 (for 3D Slicer and ITK), overlay.png, displacement.png, metrics.json, ...\n", output.string().c_str());
+  std::printf("results in %s: report.html (open it in a browser), warped.nii.gz, fixed_to_moving.h5 (for 3D Slicer and ITK), metrics.json, ...\n", output.string().c_str());
 }
 
 struct Fields {
@@ -154,6 +159,34 @@ Fields fields_of(const RegisterOptions& options, const ImagePair& pair, const De
   fields.warped = warp_image(pair.moving, fields.inverse.displacement, options.interpolation, float(options.outside), sampler);
   times.lap("warp");
   return fields;
+}
+
+/// What the report shows of images, tissue and field.
+ReportView view_of(const ImagePair& pair, const Tissue& tissue, const Fields& fields) {
+  ReportView view;
+  view.add_space("fixed", view_grid(pair.fixed.grid, report_voxels, &fields.inverse.covered, report_margin_mm));
+  view.add_space("moving", view_grid(pair.moving.grid, report_voxels, &tissue.body, report_margin_mm));
+  const GreyScale scale = grey_scale_of(pair.fixed);
+  view.add_image("fixed", "Fixed image", "fixed", pair.fixed, scale);
+  view.add_image("before", "Moving image, as it was", "fixed", pair.moving, scale);
+  view.add_image("mtled", "Moving image, registered", "fixed", fields.warped, scale);
+  view.add_image("moving", "Moving image", "moving", pair.moving, scale);
+  Image modulus = tissue.shear_modulus;
+  for (float& value : modulus.data)
+    if (!(value > 0)) value = std::nanf("");
+  view.add_numbers({"shear_modulus", "Shear modulus", "kPa", {0, 5}, false, 0, true}, "moving", modulus);
+  add_field(view, fields.inverse.displacement, fields.inverse.covered);
+  return view;
+}
+
+Json report_facts(const ImagePair& pair, const RegisterOptions& options, const Json& metrics, const Json& manifest) {
+  Json facts = facts_of_registration(metrics, manifest);
+  facts["inputs"] = Json::array();
+  for (const auto& [role, input] : manifest["inputs"].items())
+    list_input(facts["inputs"], role, input["path"], role == "moving" ? &pair.moving.grid : role == "fixed" ? &pair.fixed.grid : nullptr, input["md5"]);
+  const CannyOptions& canny = options.evaluation.canny;
+  facts["edge_settings"] = {{"canny_sigma_mm", canny.sigma_mm}, {"canny_lower_per_mm", canny.lower_threshold}, {"canny_upper_per_mm", canny.upper_threshold}, {"edges", "3-D"}};
+  return facts;
 }
 
 void run(CLI::App& verb, RegisterOptions& options) {
@@ -204,6 +237,7 @@ void run(CLI::App& verb, RegisterOptions& options) {
   manifest["tissue"] = describe(tissue);
   manifest["solver"] = summary_of(deformation.solution());
   manifest["solver"].erase("reactions_mN");
+  manifest["solver"]["tolerance_mm"] = options.mechanics.solver.tolerance_mm;
   manifest["solver"]["device"] = deformation.device().description;
   metrics["motions"] = loads.report;
   metrics["warnings"] = loads.warnings;
@@ -225,15 +259,18 @@ void run(CLI::App& verb, RegisterOptions& options) {
   write_vector_image(output / "fixed_to_moving.nrrd", inverse.displacement);
   write_displacement_transform(output / "fixed_to_moving.h5", inverse.displacement);
   const Cloud& cloud = deformation.body().cloud;
-  write_nodes(output.path(), cloud, {}, deformation.solution(), {at_nodes("shear_modulus_kPa", cloud, tissue.shear_modulus), at_nodes("label", cloud, loads.labels)});
+  const PointData modulus = at_nodes("shear_modulus_kPa", cloud, tissue.shear_modulus), label = at_nodes("label", cloud, loads.labels);
+  write_nodes(output.path(), cloud, {}, deformation.solution(), {modulus, label});
   if (!options.points.empty()) write_point_displacements(output / "points.csv", points, deformation, forward);
   write_png(output / "displacement.png", displacement_figure(pair.moving, forward.displacement, forward.covered));
   write_png(output / "shear_modulus.png", shear_modulus_figure(pair.moving, tissue.shear_modulus));
   write_png(output / "convergence.png", convergence_figure(deformation.solution().history, options.mechanics.solver.tolerance_mm));
   times.lap("writing");
+  std::optional<ReportView> view;
+  if (options.report) view = view_of(pair, tissue, *fields), times.lap("report");
   if (options.evaluate) {
     try {
-      metrics.update(evaluate(options, pair, tissue, loads, landmarks, deformation, forward, inverse, warped));
+      metrics.update(evaluate(options, pair, tissue, loads, landmarks, deformation, forward, inverse, warped, view ? &*view : nullptr));
     } catch (const Error& error) {
       warn(std::string("the evaluation failed: ") + error.what());  // the registration is done all the same
     }
@@ -241,6 +278,7 @@ void run(CLI::App& verb, RegisterOptions& options) {
   }
   write_text(output / "metrics.json", metrics.dump(1) + "\n");
   manifest["stages"] = times.report();
+  if (view) write_report(output / "report.html", report_facts(pair, options, metrics, manifest), *view, node_cloud(cloud.nodes, deformation.solution().displacement, modulus.values, label.values));
   write_text(output / "manifest.json", manifest.dump(1) + "\n");
   print_summary(metrics, options.output);
 }
@@ -263,6 +301,7 @@ void add_register(CLI::App& program) {
   verb->add_option("--interpolation", options->interpolation, "of the warped image: linear or cubic (B-spline)")->transform(CLI::CheckedTransformer(kinds))->default_str("linear");
   verb->add_option("--outside", options->outside, "value of the warped image where the moving image does not reach")->capture_default_str();
   verb->add_flag("!--no-evaluation", options->evaluate, "skip the evaluation");
+  verb->add_flag("!--no-report", options->report, "do not write report.html");
   add_evaluation_options(*verb, options->evaluation);
   add_common(*verb, *options, true);
   verb->footer("Example: mtled register -m supine.nii.gz -f prone.nii.gz --moving-labels spine.nii.gz -o result");

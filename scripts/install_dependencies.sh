@@ -19,6 +19,7 @@ packages=(
   libtbb-dev libeigen3-dev libnanoflann-dev                           # solver
   libcli11-dev libtomlplusplus-dev nlohmann-json3-dev zlib1g-dev      # command line, settings, results
   libinsighttoolkit5-dev                                              # images and rigid registration
+  libpng-dev libjpeg-dev                                              # pictures of the report
   libgtest-dev python3 python3-numpy                                  # tests; Python for the verification cases only
   python3-meshio                                                      # scripts/mesh_to_case.py and its test
 )

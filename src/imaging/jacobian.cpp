@@ -109,6 +109,17 @@ JacobianStatistics jacobian_statistics(const VectorImage& displacement, const Ma
   return result;
 }
 
+Image volume_ratio(const VectorImage& displacement, const Mask& where) {
+  require(same_grid(displacement.grid, where.grid), "the displacement and the mask lie on different grids; compute both on the same grid");
+  const DeterminantAtVoxel determinant_at(displacement, where);
+  Image ratio(where.grid, std::numeric_limits<float>::quiet_NaN());
+  for_each_voxel(where.grid, [&](int i, int j, int k, std::size_t voxel) {
+    double value;
+    if (where.data[voxel] && determinant_at(i, j, k, voxel, value)) ratio.data[voxel] = float(value);
+  });
+  return ratio;
+}
+
 Mask folded_voxels(const VectorImage& displacement, const Mask& where) {
   const DeterminantAtVoxel determinant_at(displacement, where);
   Mask folded(where.grid);
