@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "imaging/evaluation.hpp"
-#include "program.hpp"
+#include "report_data.hpp"
 #include "temporary_folder.hpp"
 #include "torso.hpp"
 
@@ -85,7 +85,7 @@ TEST_F(CommandLine, RegisterWritesEveryFileAndNoOther) {
   ASSERT_EQ(shared.outcome.code, 0) << shared.outcome.err;
   EXPECT_EQ(program::listing(shared.folder / "result"),
             (Strings{"body_mask.nii.gz", "convergence.png", "displacement.png", "fixed_to_moving.h5", "fixed_to_moving.nrrd", "manifest.json", "metrics.json", "motions.json", "moving_to_fixed.nrrd",
-                     "nodes.csv", "nodes.vtu", "overlay.png", "points.csv", "shear_modulus.nii.gz", "shear_modulus.png", "warped.nii.gz", "warped_body.nii.gz", "warped_labels.nii.gz"}));
+                     "nodes.csv", "nodes.vtu", "overlay.png", "points.csv", "report.html", "shear_modulus.nii.gz", "shear_modulus.png", "warped.nii.gz", "warped_body.nii.gz", "warped_labels.nii.gz"}));
 }
 
 TEST_F(CommandLine, MetricsAndManifestHaveTheDocumentedKeys) {
@@ -116,6 +116,22 @@ TEST_F(CommandLine, MetricsAndManifestHaveTheDocumentedKeys) {
   for (const char* candidate : {"before", "rigid", "mtled"})
     for (const char* key : {"within_two_voxels", "within_two_voxels_all_edges", "hausdorff_mm", "consistent_fraction"})
       EXPECT_TRUE(metrics["edges"][candidate].contains(key)) << candidate << ' ' << key;
+}
+
+TEST_F(CommandLine, ReportShowsTheRegistration) {
+  const Json report = program::report_data(result("report.html")), metrics = json(result("metrics.json")), manifest = json(result("manifest.json"));
+  EXPECT_EQ(report["kind"], "register");
+  EXPECT_EQ(program::ids_of(report["candidates"]), (Strings{"before", "rigid", "mtled"}));
+  for (const char* key : {"edges", "landmarks", "labels", "jacobian"}) EXPECT_EQ(report[key], metrics[key]) << key;
+  EXPECT_EQ(report["verdict"]["level"], "good") << report["verdict"];
+  EXPECT_EQ(program::ids_of(report["view"]["volumes"]), (Strings{"fixed", "before", "mtled", "moving", "shear_modulus", "displacement", "jacobian", "rigid", "edges"}));
+  EXPECT_EQ(report["motions"].size(), std::size_t(torso::bones));
+  EXPECT_EQ(report["motions"][0]["angle_deg"], metrics["motions"][0]["rotation_deg"]);
+  EXPECT_EQ(report["inputs"][0]["md5"], manifest["inputs"]["moving"]["md5"]);
+  EXPECT_EQ(report["solver"]["history"]["step"].size(), manifest["solver"]["history"].size());
+  EXPECT_EQ(report["solver"]["tolerance_mm"], 0.05);
+  EXPECT_EQ(report["nodes"]["count"], manifest["solver"]["nodes"]);
+  EXPECT_EQ(report["stages"].size(), manifest["stages"].size());
 }
 
 TEST_F(CommandLine, EdgeTableGoesFromBeforeToResult) {

@@ -3,7 +3,7 @@
 #include <nlohmann/json.hpp>
 
 #include "image_io/image_io.hpp"
-#include "program.hpp"
+#include "report_data.hpp"
 #include "temporary_folder.hpp"
 
 namespace mtled {
@@ -104,7 +104,7 @@ TEST_F(Evaluate, AnExactTransformIsExact) {
   EXPECT_FALSE(r["direction"]["reversed_fits_better"]);
   EXPECT_NEAR(r["correlation"]["after"], 1, 1e-6);
   EXPECT_TRUE(r["warnings"].empty()) << r["warnings"];
-  EXPECT_EQ(program::listing(file("out")), (Strings{"edges.csv", "evaluation.json", "labels.csv", "landmarks.csv"}));
+  EXPECT_EQ(program::listing(file("out")), (Strings{"edges.csv", "evaluation.json", "labels.csv", "landmarks.csv", "report.html"}));
   const std::string table = program::content(file("out/edges.csv"));
   EXPECT_EQ(std::count(table.begin(), table.end(), '\n'), 101);
   EXPECT_EQ(program::content(file("out/landmarks.csv")).substr(0, 43), "row,fx,fy,fz,mx,my,mz,before_mm,after_mm\n1,");
@@ -251,6 +251,33 @@ TEST_F(Evaluate, BadInputIsExplained) {
   expect_refusal(run({}), usage, {"--warped is missing"});
   expect_refusal(run({"-w", file("fixed.nrrd"), "--fixed-labels", file("fixed_labels.nrrd")}), usage, {"--warped-labels is missing"});
   expect_refusal(run({"-w", file("fixed.nrrd"), "--moving-landmarks", "m.csv"}), usage, {"--fixed-landmarks is missing"});
+}
+
+TEST_F(Evaluate, ReportShowsWhatThereIs) {
+  const Json r = report(everything("-t", file("right.tfm"))), all = program::report_data(file("out/report.html"));
+  EXPECT_EQ(all["kind"], "evaluate");
+  EXPECT_EQ(program::ids_of(all["candidates"]), (Strings{"before", "after"}));
+  EXPECT_EQ(program::ids_of(all["view"]["volumes"]), (Strings{"fixed", "before", "after", "displacement", "jacobian", "edges"}));
+  for (const char* key : {"edges", "labels", "rigidity"}) EXPECT_EQ(all[key], r[key]) << key;
+  EXPECT_EQ(all["landmarks"]["after"], r["landmarks"]["after"]);
+  EXPECT_EQ(all["jacobian"], r["field"]["jacobian"]);
+  EXPECT_EQ(all["verdict"]["level"], "good") << all["verdict"];
+  EXPECT_EQ(all["inputs"][0]["size"], (Json{50, 40, 34}));
+
+  report(everything("-t", file("wrong.tfm")));
+  EXPECT_EQ(program::report_data(file("out/report.html"))["verdict"]["level"], "bad");
+
+  report({"-w", file("fixed.nrrd")});
+  const Json little = program::report_data(file("out/report.html"));
+  EXPECT_EQ(program::ids_of(little["candidates"]), (Strings{"after"}));
+  EXPECT_EQ(program::ids_of(little["view"]["volumes"]), (Strings{"fixed", "after", "edges"}));
+  EXPECT_FALSE(little.contains("landmarks"));
+}
+
+TEST_F(Evaluate, NoReportWhenItIsNotWanted) {
+  fs::remove_all(file("out"));
+  report({"-w", file("fixed.nrrd"), "--no-report"});
+  EXPECT_EQ(program::listing(file("out")), (Strings{"edges.csv", "evaluation.json"}));
 }
 
 TEST_F(Evaluate, HasTheSameBitsForAnyNumberOfThreads) {
