@@ -35,7 +35,7 @@ build/bin/mtled register \
   --landmarks "$data/landmarks.csv" --output "$output" --force "${options[@]}"
 
 echo
-echo "Done in $((SECONDS - started)) s. Pictures:"
+echo "Done in $((SECONDS - started)) s. Open $output/report.html in a browser: it shows all of it. Single pictures:"
 find "$output" -maxdepth 1 -name '*.png' | sort | sed 's/^/  /'
 echo "Other results:"
 find "$output" -maxdepth 1 -type f ! -name '*.png' | sort | sed 's/^/  /'
