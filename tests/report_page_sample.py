@@ -15,6 +15,8 @@ SIZE = (88, 60, 104)  # voxels, x y z
 ORIGIN = (-174.0, -120.0, -90.0)  # mm
 LOW, HIGH = -1000, 400  # HU
 FOLDED = (slice(30, 33), slice(28, 31), slice(50, 53))  # voxels z y x that fold
+KNOWN = (slice(48, 57), slice(18, 27), slice(30, 39))  # voxels z y x of known intensity
+KNOWN_HU = {"fixed": 80, "mtled": -20}
 BONE = 12  # label of the vertebrae's block
 
 
@@ -79,9 +81,12 @@ def mosaic(volume, form):
     return {"tile": [tw, th], "columns": columns, "picture": f"data:image/{form.lower()};base64,{base64.b64encode(file.getvalue()).decode()}"}
 
 
+def byte_of(hu):
+    return np.clip(np.rint((hu - LOW) / (HIGH - LOW) * 255), 0, 255).astype(np.uint8)
+
+
 def grey(name, title, hu, space="fixed", form="JPEG"):
-    bytes_ = np.clip(np.rint((hu - LOW) / (HIGH - LOW) * 255), 0, 255).astype(np.uint8)
-    return {"id": name, "name": title, "space": space, "kind": "grey", "low": LOW, "high": HIGH, "unit": "HU", "mosaic": mosaic(bytes_, form),
+    return {"id": name, "name": title, "space": space, "kind": "grey", "low": LOW, "high": HIGH, "unit": "HU", "mosaic": mosaic(byte_of(hu), form),
             "windows": [{"name": "Soft tissue", "low": -160, "high": 240}, {"name": "Lung", "low": -1000, "high": 0}, {"name": "Bone", "low": -100, "high": 400}]}
 
 
@@ -113,6 +118,8 @@ class Phantom:
         nearly = self.v + 2.5 * np.sin(y[[1, 2, 0]] / 23) * (np.abs(y[2] - 60) < 70)
         noise = np.random.default_rng(3).normal(0, 12, y.shape[1:])
         self.hu = {name: torso(p) + noise for name, p in {"fixed": y + self.v, "before": y, "rigid": y + rigid, "mtled": y + nearly}.items()}
+        for name, hu in KNOWN_HU.items():
+            self.hu[name][KNOWN] = hu
         self.body = torso(y + self.v) > -1000
         gradient = np.array([[np.gradient(self.v[a], SPACING, axis=2 - b) for b in range(3)] for a in range(3)])
         f = np.moveaxis(gradient, (0, 1), (-2, -1)) + np.eye(3)
@@ -125,7 +132,7 @@ class Phantom:
 def view(phantom, names, mechanics=True):
     titles = {"fixed": "Fixed image", "before": "Before", "rigid": "Rigid", "mtled": "mtled", "after": "After"}
     hu = {"after": phantom.hu["mtled"], **phantom.hu}
-    volumes = [grey(n, titles[n], hu[n], form="PNG" if n == "fixed" else "JPEG") for n in names]
+    volumes = [grey(n, titles[n], hu[n], form="PNG" if n in KNOWN_HU else "JPEG") for n in names]
     bits = {str(1 << i): n for i, n in enumerate(names)}
     edges = {"after": phantom.edges["mtled"], **phantom.edges}
     volumes.append({"id": "edges", "space": "fixed", "kind": "bits", "bits": bits, "mosaic": mosaic(sum((edges[n].astype(np.uint8) << i for i, n in enumerate(names)), np.zeros(phantom.body.shape, np.uint8)), "PNG")})

@@ -78,7 +78,12 @@ function lineChart({ label, height, x, y, series, guides = [], show, stop }) {
     for (const t of y.ticks(Math.max(3, Math.round(height / 60)))) {
       root.append(svg("path", { d: `M${box.left} ${py(t)}H${box.right}`, class: "grid" }), svg("text", { x: box.left - 8, y: py(t) + 4, "text-anchor": "end" }, brief(t)));
     }
-    for (const t of x.marks ?? x.ticks(Math.max(3, Math.round(width / 120)))) root.append(svg("path", { d: `M${px(t)} ${box.bottom}v5`, class: "axis" }), svg("text", { x: px(t), y: box.bottom + 19, "text-anchor": "middle" }, brief(t, 6)));
+    let free = -Infinity;
+    for (const t of x.marks ?? x.ticks(Math.max(3, Math.round(width / 90)))) {
+      if (px(t) < free) continue;
+      free = px(t) + 26;
+      root.append(svg("path", { d: `M${px(t)} ${box.bottom}v5`, class: "axis" }), svg("text", { x: px(t), y: box.bottom + 19, "text-anchor": "middle" }, brief(t, 6)));
+    }
     root.append(svg("path", { d: `M${box.left} ${box.top}V${box.bottom}H${box.right}`, class: "axis" }),
       svg("text", { x: (box.left + box.right) / 2, y: height - 6, "text-anchor": "middle", class: "axis-title" }, x.title),
       svg("text", { x: 4, y: 12, class: "axis-title" }, y.title));

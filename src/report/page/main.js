@@ -30,7 +30,7 @@ async function main() {
   for (const [name, make] of Object.entries(sections)) add(attempt(name, () => make(report)));
   const short = { edges: "Edges", field: "Field", motions: "Motions", time: "Time", inputs: "Inputs", reading: "How to read" };
   document.getElementById("contents").append(...[...content.querySelectorAll("section")].map((s) => element("a", { href: `#${s.id}` }, short[s.id] ?? s.querySelector("h2").textContent)));
-  document.getElementById("tools").append(themeButton(), button("Print", () => print(), { class: "small" }));
+  document.getElementById("tools").append(themeButton(), button("Print", () => print(), { class: "small print" }));
   document.getElementById("foot").textContent = `${report.program} · ${report.created}`;
   drawWaiting();
   if (viewer) await viewer.set({}, true);

@@ -8,12 +8,11 @@ function dataTable(caption, columns, rows, { foot = null, rowClass = () => "" } 
   }
   const line = (row, first) => element("tr", { class: rowClass(row) || null }, columns.map((column, i) =>
     element(i === 0 && first ? "th" : "td", { scope: i === 0 && first ? "row" : null, class: column.text ? "text" : "" }, column.show(row))));
-  return element("div", { class: "scroll", role: "region", "aria-label": caption, tabindex: 0 }, element("table", {},
-    element("caption", {}, caption),
+  return element("div", { class: "table" }, element("p", { class: "caption", "aria-hidden": "true" }, caption), element("div", { class: "scroll", role: "region", "aria-label": caption, tabindex: 0 }, element("table", { "aria-label": caption },
     element("thead", {}, grouped ? element("tr", { class: "groups" }, top.map(({ group, span }) => element(group ? "th" : "td", { colspan: span, scope: group ? "colgroup" : null }, group ?? ""))) : null,
       element("tr", {}, columns.map(heading))),
     element("tbody", {}, rows.map((row) => line(row, true))),
-    foot ? element("tfoot", {}, line(foot, true)) : null));
+    foot ? element("tfoot", {}, line(foot, true)) : null)));
 }
 
 /** Names and values side by side; entries are [name, value, explanation]; values that are null are left out. */

@@ -14,7 +14,7 @@ class Viewer {
     const range = lead ? lead.data.high - lead.data.low : 1;
     this.reaches = [0.05, 0.1, 0.2, 0.5, 1].map((part) => Number((part * range).toPrecision(1)));
     Object.assign(this, {
-      image: lead?.id, candidate: last, sideBySide: innerWidth >= 700, colourSafe: false, flickered: false, rate: 1, tile: 30, reach: this.reaches[2],
+      image: lead?.id, candidate: last, sideBySide: true, colourSafe: false, flickered: false, rate: 1, tile: 30, reach: this.reaches[2],
       playing: !matchMedia("(prefers-reduced-motion: reduce)").matches, opacity: 0.6, ratio: this.ratios.fitting, arrowsShown: true, crosshair: true, zoom: 1, enlarged: null,
       window: lead ? this.windowOf(lead, 0) : { low: 0, high: 1 }, positions: {}, wait: null,
     });
@@ -189,7 +189,7 @@ function windowControls(v, volume) {
   } });
   return element("span", { class: "field" },
     choice("Window", [...presets.map((w, i) => [i, w.name]), ...(same < 0 ? [["own", "Own"]] : [])], same < 0 ? "own" : same, (i) => presets[i] && v.set({ window: { low: presets[i].low, high: presets[i].high } }, true)),
-    end("Lower", "low"), element("span", {}, "to"), end("Upper", "high"), element("span", {}, unit));
+    element("span", { class: "ends" }, end("Lower", "low"), " to ", end("Upper", "high"), ` ${unit}`));
 }
 
 /** What is known at the position, as entries of a list. */
