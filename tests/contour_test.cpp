@@ -3,9 +3,12 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdlib>
+#include <filesystem>
 
 #include "core/error.hpp"
 #include "core/motion.hpp"
+#include "image_io/image_io.hpp"
 #include "imaging/lungs.hpp"
 
 namespace mtled {
@@ -134,6 +137,21 @@ TEST(Lungs, AreNowhereInABodyWithoutAir) {
   for (float& v : trunk.ct.data) v = v == -1000 ? v : 30;
   EXPECT_EQ(count(lung_mask(trunk.ct, {})), 0u);
   EXPECT_THROW(lung_mask(Image(trunk.grid, -1000), {}), Error);
+}
+
+/// Two CT sessions of one patient with lung masks by another program.
+TEST(Lungs, AreThoseOfTheLungPair) {
+  const char* shared = std::getenv("MTLED_SHARED_DATA");
+  const std::filesystem::path data = std::filesystem::path(shared ? shared : "") / "lung_pair";
+  if (!shared || !std::filesystem::exists(data / "baseline_lungmask.nii.gz")) GTEST_SKIP() << "MTLED_SHARED_DATA does not name a folder with lung_pair/baseline_lungmask.nii.gz";
+  for (const std::string session : {"baseline", "followup"}) {
+    const Mask lungs = lung_mask(read_image(data / (session + ".nii.gz"), "image"), {}), other = read_mask(data / (session + "_lungmask.nii.gz"), "mask");
+    std::size_t both = 0;
+    for (std::size_t v = 0; v < lungs.data.size(); ++v) both += lungs.data[v] && other.data[v];
+    const double dice = 2 * double(both) / double(count(lungs) + count(other));
+    std::printf("%s: Dice %.4f\n", session.c_str(), dice);
+    EXPECT_GT(dice, 0.95);
+  }
 }
 
 }  // namespace

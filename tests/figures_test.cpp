@@ -221,7 +221,7 @@ TEST(FieldDifferenceFigure, ShowsWherePointsDifferHowManyAndHowMuchTheyMove) {
   const auto u = [&](const Vec3d& x, Vec3d& v) { return v = {0, 0, left(x) ? 22.0 : 11.0}, true; };
   const FieldDifference d = compare_displacements(u, reference, moving.grid);
   EXPECT_EQ(d.median, 1.5);
-  const Picture picture = field_difference_figure(moving, [&](const Grid& slice) { return difference_on_slice(u, reference, slice); }, d);
+  const Picture picture = field_difference_figure(moving, [&](const Grid& slice) { return difference_on_slice(u, reference, slice); }, d, "difference");
   EXPECT_EQ(picture.width, 1500);
   const double mm = 340.0 / (1500 - 114 - 2 * margin - 2 * gap);
   const int y = margin + heading + int(0.7 * 2 * half_y / mm), width = int(2 * half_x / mm);
@@ -246,7 +246,7 @@ TEST(FieldDifferenceFigure, OfEqualFieldsIsDrawn) {
   const Image moving = image_of(plain_grid(), marked);
   const auto rest = [](const Vec3d&, Vec3d& u) { return u = {}, true; };
   const FieldDifference d = compare_displacements(rest, rest, moving.grid);
-  EXPECT_GT(field_difference_figure(moving, [&](const Grid& slice) { return difference_on_slice(rest, rest, slice); }, d).height, 500);
+  EXPECT_GT(field_difference_figure(moving, [&](const Grid& slice) { return difference_on_slice(rest, rest, slice); }, d, "difference").height, 500);
 }
 
 TEST(Drawing, LinesJoinTheirEndsAndAreAsWideAsAsked) {

@@ -56,7 +56,7 @@ Plot over_displacement(const FieldDifference& d, double largest) {
 
 }  // namespace
 
-Picture field_difference_figure(const Image& image, const std::function<Image(const Grid&)>& difference_on, const FieldDifference& d) {
+Picture field_difference_figure(const Image& image, const std::function<Image(const Grid&)>& difference_on, const FieldDifference& d, const std::string& colors) {
   const double largest = std::max(1e-3, double(*std::max_element(d.reference_mm.begin(), d.reference_mm.end())));
   const Picture slices = colored_slices(image, difference_on, "d [mm]", shown(d), false);
   Picture picture = blank_picture(picture_width, slices.height + plot_height + 4 * line_height + margin, white);
@@ -77,10 +77,10 @@ Picture field_difference_figure(const Image& image, const std::function<Image(co
     row += line_height;
   }
   paste_plot(over_displacement(d, largest), right, "difference d [mm]: points, median, 95 % (upper line)", "displacement of the reference [mm]");
-  draw_text(picture, margin, top + plot_height + gap + 2 * line_height,
-            concatenate(d.difference_mm.size(), " points: median ", significant(d.median, 3), ", 95 % ", significant(d.percentile_95, 3), ", 99.5 % ", significant(d.percentile_99_5, 3), ", largest ",
-                        significant(d.maximum, 3), " mm. Differences beyond ", significant(shown(d), 3), " mm are drawn as that."),
-            black);
+  std::string note = concatenate("Colours: ", colors, ". ", d.difference_mm.size(), " points: median ", significant(d.median, 3), ", 95 % ", significant(d.percentile_95, 3), ", 99.5 % ", significant(d.percentile_99_5, 3), ", largest ",
+                                 significant(d.maximum, 3), " mm");
+  if (d.maximum > shown(d)) note += ", drawn at the end of scales and colours";
+  draw_text(picture, margin, top + plot_height + gap + 2 * line_height, note, black);
   return picture;
 }
 
