@@ -5,7 +5,7 @@
 namespace mtled {
 namespace {
 
-constexpr double smallest_piece = 0.1;  ///< of the largest one
+constexpr double smallest_piece = 0.02;  ///< of the largest one
 
 std::size_t count(const Mask& mask) {
   std::size_t sum = 0;
@@ -13,7 +13,7 @@ std::size_t count(const Mask& mask) {
   return sum;
 }
 
-/// The largest 6-connected components, as long as they have a tenth of the voxels of the first.
+/// The largest 6-connected components, as long as they have a fiftieth of the voxels of the first.
 Mask large_components(Mask mask) {
   Mask kept(mask.grid);
   std::size_t largest = 0;
