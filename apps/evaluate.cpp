@@ -16,20 +16,26 @@ constexpr double report_margin_mm = 20;  ///< around what is compared
 
 std::size_t axes_of_one_voxel(const Grid& grid) { return std::size_t(std::count(grid.size.begin(), grid.size.end(), 1)); }
 
-void report_labels(const EvaluateOptions& options, const Grid& fixed, const Maps& maps, const VectorImage& identity, Json& report) {
-  std::optional<LabelImage> fixed_labels, moving_labels, after;
-  if (!options.fixed_labels.empty()) fixed_labels = labels_on(fixed, options.fixed_labels, "fixed labels");
-  if (!options.moving_labels.empty()) moving_labels = read_labels(options.moving_labels, "moving labels");
-  if (!options.warped_labels.empty()) after = labels_on(fixed, options.warped_labels, "warped labels");
-  else if (moving_labels && maps.field) after = warp_labels(*moving_labels, maps.field->displacement);
-  if (fixed_labels && moving_labels) report["labels"]["before"] = describe(label_overlap(warp_labels(*moving_labels, identity), *fixed_labels));
-  if (fixed_labels && after) {
-    report["labels"]["after"] = describe(label_overlap(*after, *fixed_labels));
+LabelMaps read_label_maps(const EvaluateOptions& options, const Grid& fixed, const Maps& maps, const VectorImage& identity) {
+  LabelMaps labels;
+  std::optional<LabelImage> moving;
+  if (!options.fixed_labels.empty()) labels.fixed = labels_on(fixed, options.fixed_labels, "fixed labels");
+  if (!options.moving_labels.empty()) moving = read_labels(options.moving_labels, "moving labels");
+  if (moving) labels.before = warp_labels(*moving, identity);
+  if (!options.warped_labels.empty()) labels.after = labels_on(fixed, options.warped_labels, "warped labels");
+  else if (moving && maps.field) labels.after = warp_labels(*moving, maps.field->displacement);
+  return labels;
+}
+
+void report_labels(const LabelMaps& labels, const Maps& maps, Json& report) {
+  if (labels.fixed && labels.before) report["labels"]["before"] = describe(label_overlap(*labels.before, *labels.fixed));
+  if (labels.fixed && labels.after) {
+    report["labels"]["after"] = describe(label_overlap(*labels.after, *labels.fixed));
     for (const Json& l : report["labels"]["after"])
       for (const int side : {0, 1})
         if (l["voxels"][std::size_t(side)] == 0) note(report, concatenate("label ", l["label"].get<int>(), " is missing in the ", side == 0 ? "warped" : "fixed", " labels: Dice 0 and no distances; check the two label maps if it should be there"));
   }
-  if (maps.field && (fixed_labels || after)) report["rigidity"] = describe(label_rigidity(fixed_labels ? *fixed_labels : *after, *maps.field));
+  if (maps.field && (labels.fixed || labels.after)) report["rigidity"] = describe(label_rigidity(labels.fixed ? *labels.fixed : *labels.after, *maps.field));
 }
 
 void report_field(const Mask& mask, const Maps& maps, Json& report) {
@@ -42,6 +48,7 @@ void report_field(const Mask& mask, const Maps& maps, Json& report) {
 void print_report(const Json& report) {
   if (report.contains("edges")) print_edges(report["edges"]);
   if (report.contains("labels")) print_labels(report["labels"]);
+  if (report.contains("contours")) print_contours(report["contours"]);
   if (report.contains("rigidity"))
     for (const Json& r : report["rigidity"]) std::printf("label %4d is off its best rigid motion by %.3f mm (rms), %.3f mm at most\n", r["label"].get<int>(), r["rms_mm"].get<double>(), r["largest_mm"].get<double>());
   if (report.contains("landmarks"))
@@ -49,6 +56,7 @@ void print_report(const Json& report) {
       if (const Json& l = report["landmarks"]; l.contains(name))
         std::printf("landmarks %-6s mean %.2f, median %.2f, 95 %% %.2f, max %.2f mm (%d points)\n", name, l[name]["mean_mm"].get<double>(), l[name]["median_mm"].get<double>(),
                     l[name]["percentile_95_mm"].get<double>(), l[name]["max_mm"].get<double>(), l[name]["points"].get<int>());
+  if (report.contains("field_difference")) print_reference(report["field_difference"]);
   if (!report.contains("field")) return;
   const Json& j = report["field"]["jacobian"];
   const auto number = [&](const char* key) { return j[key].get<double>(); };
@@ -88,6 +96,7 @@ Json report_facts(const EvaluateOptions& options, const Image& fixed, const std:
   list("fixed-labels", options.fixed_labels);
   list("moving-labels", options.moving_labels);
   list("warped-labels", options.warped_labels);
+  for (const auto* file : {&options.reference_transform, &options.reference_inverse_transform, &options.reference_points}) list("reference", *file);
   for (const auto* file : {&options.evaluation.landmarks, &options.fixed_landmarks, &options.moving_landmarks}) list("landmarks", *file);
   return facts;
 }
@@ -99,6 +108,8 @@ void check_usage(const CLI::App& verb, const EvaluateOptions& options) {
   if (options.fixed_landmarks.empty() != options.moving_landmarks.empty()) require_option(verb, "--fixed-landmarks"), require_option(verb, "--moving-landmarks");
   if (!options.fixed_landmarks.empty() && !options.evaluation.landmarks.empty()) fail(Failure::usage, "--landmarks holds the points of both images; give either that or --fixed-landmarks and --moving-landmarks");
   if (!options.fixed_labels.empty() && options.moving_labels.empty() && !has_transform) require_option(verb, "--warped-labels");
+  check_contours(verb, options, has_transform);
+  check_reference(verb, options);
   if (options.fixed_labels.empty() && (!options.warped_labels.empty() || (!options.moving_labels.empty() && !has_transform))) require_option(verb, "--fixed-labels");
 }
 
@@ -155,14 +166,23 @@ void run(CLI::App& verb, EvaluateOptions& options) {
   if (!candidates.empty())
     report["edges"] = compare_edges_of(fixed, candidates, canny, where, moving ? &moving->grid : nullptr, options.slices ? EdgeSpace::slices : EdgeSpace::volume,
                                        [&](const std::string& name, const Mask& edges) { if (view) view->add_edges(name, edges); });
-  report_labels(options, fixed.grid, maps, identity, report);
+  const LabelMaps labels = read_label_maps(options, fixed.grid, maps, identity);
+  report_labels(labels, maps, report);
+  report_contours(parse_contours(options.contours), fixed, candidates, labels, where, report);
   report_landmarks(landmarks, maps, report);
   if (maps.field) report_field(mask, maps, report);
   check_direction(options, fixed, moving, mask, maps, landmarks, report);
+  const auto reference = compare_with_reference(options, fixed, moving, maps, options.mask.empty() ? std::nullopt : std::optional(mask));
+  if (reference) report_reference(*reference, report);
 
   if (report.contains("edges")) write_text(output / "edges.csv", edge_table(report["edges"]));
   if (report.contains("labels")) write_text(output / "labels.csv", label_table(report["labels"]));
   if (report.contains("landmarks")) write_text(output / "landmarks.csv", landmark_table(landmarks, maps));
+  if (report.contains("contours")) write_text(output / "contours.csv", contour_table(report["contours"]));
+  if (reference) {
+    write_text(output / "field_difference.csv", reference_table(reference->difference));
+    write_png(output / "field_difference.png", reference->picture);
+  }
   write_text(output / "evaluation.json", report.dump(1) + "\n");
   if (view) write_report(output / "report.html", report_facts(options, fixed, moving, report), *view);
   print_report(report);
@@ -185,6 +205,13 @@ void add_evaluate(CLI::App& program) {
   verb->add_option("--warped-labels", options->warped_labels, "warped label map, by any program")->type_name("IMAGE");
   verb->add_option("--fixed-landmarks", options->fixed_landmarks, "CSV with x,y,z: points in the fixed image [mm, LPS]")->type_name("FILE");
   verb->add_option("--moving-landmarks", options->moving_landmarks, "CSV with x,y,z: the same points in the moving image, in the same order")->type_name("FILE");
+  verb->add_option("--contour", options->contours, "compare the outlines of an organ in the slices along k: NAME=LABEL of the label maps, or `lungs`, found in a CT; may be repeated")->type_name("NAME=LABEL");
+  CLI::Option* reference[] = {verb->add_option("--reference-transform", options->reference_transform, "map of points of the fixed to the moving image that --transform is compared with")->type_name("FILE"),
+                              verb->add_option("--reference-inverse-transform", options->reference_inverse_transform, "map of points of the moving to the fixed image, such as one by finite elements, that --inverse-transform is compared with")->type_name("FILE"),
+                              verb->add_option("--reference-points", options->reference_points, "CSV with x,y,z,ux,uy,uz: points of the moving image and their displacements [mm, LPS], that --inverse-transform is compared with")->type_name("FILE")};
+  for (CLI::Option* one : reference)
+    for (CLI::Option* other : reference)
+      if (one != other) one->excludes(other);
   verb->add_flag("--slices", options->slices, "2-D edges, compared slice by slice (along k), instead of 3-D ones");
   verb->add_flag("!--no-report", options->report, "do not write report.html");
   verb->add_option("--output,-o", options->output, "folder for evaluation.json, report.html and tables")->type_name("DIR");

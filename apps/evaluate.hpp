@@ -2,12 +2,15 @@
 #include <optional>
 
 #include "evaluation_report.hpp"
+#include "imaging/figures.hpp"
 #include "pipeline.hpp"
 
 namespace mtled {
 
 struct EvaluateOptions : CommonOptions {
   std::filesystem::path fixed, moving, warped, mask, fixed_labels, moving_labels, warped_labels, fixed_landmarks, moving_landmarks, transform, inverse_transform, result, output;
+  std::filesystem::path reference_transform, reference_inverse_transform, reference_points;  ///< one at most
+  std::vector<std::string> contours;  ///< see parse_contours()
   bool slices = false, report = true;
   EvaluationOptions evaluation;
 };
@@ -34,6 +37,41 @@ void check_direction(const EvaluateOptions& options, const Image& fixed, const s
 Landmarks read_landmarks(const EvaluateOptions& options, const Grid& fixed, const std::optional<Image>& moving, const Maps& maps);
 void report_landmarks(const Landmarks& landmarks, const Maps& maps, Json& report);
 std::string landmark_table(const Landmarks& landmarks, const Maps& maps);
+
+/// The difference from a displacement that is known otherwise, by finite elements for example.
+struct ReferenceComparison {
+  std::filesystem::path file;
+  std::string where;  ///< what its points are
+  FieldDifference difference;
+  Picture picture;
+};
+/// Usage errors: what a reference is compared with is missing.
+void check_reference(const CLI::App& verb, const EvaluateOptions& options);
+/// Nothing without a reference. `mask`: only points that it leads into there. Input errors: a file that cannot be read; no
+/// point that both know.
+std::optional<ReferenceComparison> compare_with_reference(const EvaluateOptions& options, const Image& fixed, const std::optional<Image>& moving, const Maps& maps, const std::optional<Mask>& mask);
+void report_reference(const ReferenceComparison& comparison, Json& report);
+void print_reference(const Json& difference);
+std::string reference_table(const FieldDifference& difference);
+
+/// Label maps on the fixed grid: of the fixed image, and of the moving one as it lies and warped.
+struct LabelMaps {
+  std::optional<LabelImage> fixed, before, after;
+};
+
+/// An organ whose outlines are compared: a label, or the lungs as they are seen in the image.
+struct NamedContour {
+  std::string name;
+  int label = 0;  ///< 0: found in the image
+};
+/// Of texts NAME=LABEL or `lungs`. Usage errors: neither, label out of range, a name twice.
+std::vector<NamedContour> parse_contours(const std::vector<std::string>& texts);
+/// Usage errors: as above, and labels or images that they need are missing. `has_transform`: moving labels can be warped.
+void check_contours(const CLI::App& verb, const EvaluateOptions& options, bool has_transform);
+/// `where`: voxels of the fixed grid that count. Input error: no body in an image whose lungs are asked for.
+void report_contours(const std::vector<NamedContour>& contours, const Image& fixed, const std::vector<NamedImage>& candidates, const LabelMaps& labels, const Mask& where, Json& report);
+void print_contours(const Json& contours);
+std::string contour_table(const Json& contours);
 
 /// Prints a warning and keeps it in the report.
 void note(Json& report, const std::string& text);

@@ -68,7 +68,7 @@ Json describe(const std::vector<LabelOverlap>& overlap) {
   Json j = Json::array();
   for (const LabelOverlap& o : overlap)
     j.push_back({{"label", o.label}, {"voxels", {o.voxels_a, o.voxels_b}}, {"dice", o.dice}, {"hausdorff_95_mm", number_or_null(o.hausdorff95_mm)}, {"hausdorff_95_pooled_mm", number_or_null(o.hausdorff95_pooled_mm)},
-                 {"average_surface_distance_mm", number_or_null(o.average_surface_distance_mm)}});
+                 {"hausdorff_95_learn2reg_mm", number_or_null(o.hausdorff95_learn2reg_mm)}, {"average_surface_distance_mm", number_or_null(o.average_surface_distance_mm)}});
   return j;
 }
 
@@ -105,13 +105,14 @@ void print_edges(const Json& edges) {
 }
 
 void print_labels(const Json& labels) {
-  std::printf("%-16s %6s %9s %9s %12s %9s\n", "labels", "label", "Dice", "HD95 mm", "HD95 pooled", "ASD mm");
+  std::printf("%-16s %6s %9s %9s %12s %14s %9s\n", "labels", "label", "Dice", "HD95 mm", "HD95 pooled", "HD95 Learn2Reg", "ASD mm");
   for (const auto& [name, list] : labels.items())
     for (const Json& l : list) {
       std::printf("%-16s %6d", name.c_str(), l["label"].get<int>());
       print_cell(l["dice"], 1, 9, 3);
       print_cell(l["hausdorff_95_mm"], 1, 9, 2);
       print_cell(l["hausdorff_95_pooled_mm"], 1, 12, 2);
+      print_cell(l["hausdorff_95_learn2reg_mm"], 1, 14, 2);
       print_cell(l["average_surface_distance_mm"], 1, 9, 2);
       std::printf("\n");
     }
@@ -131,11 +132,11 @@ std::string edge_table(const Json& edges) {
 }
 
 std::string label_table(const Json& labels) {
-  std::string table = "label,candidate,dice,hausdorff_95_mm,hausdorff_95_pooled_mm,average_surface_distance_mm\n";
+  std::string table = "label,candidate,dice,hausdorff_95_mm,hausdorff_95_pooled_mm,hausdorff_95_learn2reg_mm,average_surface_distance_mm\n";
   for (const auto& [name, list] : labels.items())
     for (const Json& l : list) {
       table += concatenate(l["label"].get<int>(), ",", name);
-      for (const char* key : {"dice", "hausdorff_95_mm", "hausdorff_95_pooled_mm", "average_surface_distance_mm"}) table += next_cell(l[key]);
+      for (const char* key : {"dice", "hausdorff_95_mm", "hausdorff_95_pooled_mm", "hausdorff_95_learn2reg_mm", "average_surface_distance_mm"}) table += next_cell(l[key]);
       table += "\n";
     }
   return table;

@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 
 #include "image_io/image_io.hpp"
+#include "imaging/field_quality.hpp"
 #include "report_data.hpp"
 #include "temporary_folder.hpp"
 
@@ -16,6 +17,11 @@ using Json = nlohmann::json;
 namespace fs = std::filesystem;
 
 constexpr int usage = 2, input = 3;
+
+Strings operator+(Strings a, const Strings& b) {
+  a.insert(a.end(), b.begin(), b.end());
+  return a;
+}
 
 /// Two blurred spheres; the fixed image is the moving one two voxels further along x and one back along z.
 class Evaluate : public TemporaryFolder {
@@ -91,7 +97,7 @@ TEST_F(Evaluate, AnExactTransformIsExact) {
   EXPECT_EQ(r["settings"]["canny_sigma_mm"], 2);
   for (const Json& l : r["labels"]["after"]) {
     EXPECT_EQ(l["dice"], 1);
-    for (const char* key : {"hausdorff_95_mm", "hausdorff_95_pooled_mm", "average_surface_distance_mm"}) EXPECT_EQ(l[key], 0);
+    for (const char* key : {"hausdorff_95_mm", "hausdorff_95_pooled_mm", "hausdorff_95_learn2reg_mm", "average_surface_distance_mm"}) EXPECT_EQ(l[key], 0);
   }
   EXPECT_LT(r["labels"]["before"][1]["dice"], 0.8);
   EXPECT_NEAR(r["landmarks"]["before"]["max_mm"], distance, 1e-9);
@@ -176,6 +182,111 @@ TEST_F(Evaluate, ImagesWithoutEdgesHaveNoDistances) {
   }
 }
 
+TEST_F(Evaluate, TheDifferenceFromAReferenceTransform) {
+  const double difference = 2 * norm(shift);
+  const auto check = [&](const Json& r, std::size_t points) {
+    const Json& d = r["field_difference"];
+    EXPECT_EQ(d["points"], points);
+    EXPECT_EQ(d["unknown_points"], 0);
+    for (const char* key : {"mean_mm", "root_mean_square_mm", "median_mm", "percentile_95_mm", "percentile_99_5_mm", "max_mm"}) EXPECT_NEAR(d[key], difference, 1e-5) << key;
+    for (const Json& value : d["difference_1_to_100_mm"]) EXPECT_NEAR(value, difference, 1e-5);
+    EXPECT_EQ(d["within_half_mm"], 0);
+  };
+  check(report(with_moving({"-t", file("right.tfm"), "--reference-transform", file("wrong.tfm")})), grid.count());
+  EXPECT_EQ(program::listing(file("out")), (Strings{"edges.csv", "evaluation.json", "field_difference.csv", "field_difference.png", "report.html"}));
+  const std::string table = program::content(file("out/field_difference.csv"));
+  EXPECT_EQ(table.substr(0, 30), "percent,difference_mm\n1,8.9442");
+  EXPECT_EQ(std::count(table.begin(), table.end(), '\n'), 101);
+  EXPECT_NE(printed.find("difference from the reference: median 8.944"), std::string::npos) << printed;
+  check(report(with_moving({"--inverse-transform", file("wrong.tfm"), "--reference-inverse-transform", file("right.tfm")})), grid.count());
+  Mask half(grid);
+  fill(half, [](const Vec3d& y) { return std::uint8_t(y.x > 0); });
+  write_mask(file("half.nrrd"), half);
+  const std::size_t columns = std::size_t(std::count(half.data.begin(), half.data.begin() + grid.size[0], 1)), rows = std::size_t(grid.size[1]), slices = std::size_t(grid.size[2]);
+  check(report(with_moving({"-t", file("right.tfm"), "--reference-transform", file("wrong.tfm"), "--mask", file("half.nrrd")})), columns * rows * slices);
+  // The reference leads two columns further, of which as many lie in the mask, and one slice down, so that the lowest slice leaves the image.
+  check(report(with_moving({"--inverse-transform", file("wrong.tfm"), "--reference-inverse-transform", file("right.tfm"), "--mask", file("half.nrrd")})), columns * rows * (slices - 1));
+}
+
+TEST_F(Evaluate, TheDifferenceFromReferencePoints) {
+  VectorImage back(grid);
+  for (Vec3f& v : back.data) v = {float(-shift.x), float(-shift.y), float(-shift.z)};
+  write_vector_image(file("back.nrrd"), back);
+  const Strings known = with_moving({"--inverse-transform", file("back.nrrd")});
+  const auto with_points = [&](const std::string& rows) {
+    Strings arguments = known;
+    arguments.insert(arguments.end(), {"--reference-points", file("reference.csv", "x,y,z,ux,uy,uz\n" + rows)});
+    return arguments;
+  };
+  const Json d = report(with_points("0,0,0,-4,0,2\n5,5,5,-4,3,6\n-20,3,1,-1,0,-2\n900,0,0,0,0,0\n"))["field_difference"];  // 0, 5 and 5 mm off, and outside
+  EXPECT_EQ(d["points"], 3);
+  EXPECT_EQ(d["unknown_points"], 1);
+  EXPECT_NEAR(d["mean_mm"], 10.0 / 3, 1e-5);
+  EXPECT_NEAR(d["median_mm"], 5, 1e-5);
+  EXPECT_NEAR(d["within_half_mm"], 1.0 / 3, 1e-12);
+  EXPECT_NEAR(d["by_displacement"][0]["from_mm"], std::sqrt(5.0), 1e-6);
+  EXPECT_NE(said.find("not known at 1 of 4 points of the moving image"), std::string::npos) << said;
+  EXPECT_NE(program::content(file("out/field_difference.png")).find("PNG"), std::string::npos);
+  expect_refusal(run(with_points("900,0,0,0,0,0\n")), input, {"reference.csv", "none of the 1 points", "LPS"});
+  expect_refusal(run(with_moving({"-t", file("right.tfm"), "--reference-points", file("reference.csv")})), usage, {"--inverse-transform is missing"});
+  expect_refusal(run({"--inverse-transform", file("back.nrrd"), "--reference-points", file("reference.csv")}), usage, {"--moving is missing"});
+  expect_refusal(run(with_moving({"-r", "x", "--reference-points", file("reference.csv"), "--reference-transform", file("right.tfm")})), usage, {"--reference-"});
+}
+
+TEST_F(Evaluate, ContoursOfLabels) {
+  Strings arguments = everything("-t", file("right.tfm"));
+  arguments.insert(arguments.end(), {"--contour", "ball=1", "--contour", "ghost=9"});
+  const Json contours = report(arguments)["contours"];
+  for (const char* direction : {"from_fixed", "to_fixed"}) {
+    const Json &after = contours["ball"]["after"][direction], &before = contours["ball"]["before"][direction];
+    EXPECT_GT(after["voxels"], 200);
+    EXPECT_EQ(after["max_mm"], 0);
+    EXPECT_GT(before["mean_mm"], 1);
+    EXPECT_LE(before["percentile_95_mm"], before["max_mm"]);
+    EXPECT_EQ(contours["ghost"]["after"][direction]["voxels"], 0);
+    EXPECT_TRUE(contours["ghost"]["after"][direction]["mean_mm"].is_null());
+  }
+  // The balls lie one slice apart before: the first slice of one and the last of the other have no counterpart.
+  EXPECT_GT(contours["ball"]["before"]["from_fixed"]["unmatched_voxels"], 0);
+  EXPECT_NE(said.find("contour 'ghost': label 9 has no contour in the fixed labels"), std::string::npos) << said;
+  EXPECT_NE(said.find("contour 'ghost': label 9 has no contour in the warped labels"), std::string::npos) << said;
+  const std::string table = program::content(file("out/contours.csv"));
+  EXPECT_EQ(std::count(table.begin(), table.end(), '\n'), 1 + 2 * 2 * 2);
+  EXPECT_NE(table.find("ghost,after,to_fixed,0,0,,,,\n"), std::string::npos) << table;
+  EXPECT_NE(printed.find("ball             after         0.00"), std::string::npos) << printed;
+  for (const char* wrong : {"ball", "ball=", "=1", "ball=0", "ball=1x", "ball=70000", "a,b=1"}) expect_refusal(run(everything("-t", file("right.tfm")) + Strings{"--contour", wrong}), usage, {std::string("--contour ") + wrong});
+  expect_refusal(run(everything("-t", file("right.tfm")) + Strings{"--contour", "ball=1", "--contour", "ball=2"}), usage, {"twice"});
+  expect_refusal(run(with_moving({"-t", file("right.tfm"), "--contour", "ball=1"})), usage, {"--fixed-labels is missing"});
+}
+
+TEST_F(Evaluate, ContoursOfTheLungs) {
+  const auto trunk = [&](const Vec3d& by) {
+    Grid coarse;
+    coarse.size = {96, 68, 20}, coarse.spacing = {3, 3, 4}, coarse.origin = {-142.5, -100.5, -38};
+    Image ct(coarse);
+    fill(ct, [&](const Vec3d& y) {
+      const Vec3d x = y + by;
+      const bool body = std::hypot(x.x / 120, x.y / 85) < 1, lung = std::hypot((std::abs(x.x) - 55) / 40, x.y / 55) < 1;
+      return float(!body ? -1000 : lung ? -850 : 30);
+    });
+    return ct;
+  };
+  write_image(file("trunk_moving.nrrd"), trunk({0, 0, 0})), write_image(file("trunk_fixed.nrrd"), trunk({6, 0, 0}));
+  file("across.tfm", transform({6, 0, 0}));
+  const Json lungs = report({"-f", file("trunk_fixed.nrrd"), "-m", file("trunk_moving.nrrd"), "-t", file("across.tfm"), "--contour", "lungs"})["contours"]["lungs"];
+  for (const char* direction : {"from_fixed", "to_fixed"}) {
+    EXPECT_GT(lungs["after"][direction]["voxels"], 2000);
+    EXPECT_EQ(lungs["after"][direction]["max_mm"], 0);
+    EXPECT_NEAR(lungs["before"][direction]["max_mm"], 6, 1e-9) << "at the outermost voxels, which lie on the shift's line";
+    EXPECT_GT(lungs["before"][direction]["mean_mm"], 2);
+  }
+  EXPECT_TRUE(report(with_moving({"-t", file("right.tfm"), "--contour", "lungs"}))["contours"]["lungs"]["after"]["from_fixed"]["max_mm"].is_null());
+  EXPECT_NE(said.find("no air was found inside the body of the fixed image"), std::string::npos) << said;
+  Image nothing(grid, -1000);
+  write_image(file("air.nrrd"), nothing);
+  expect_refusal(run({"-w", file("fixed.nrrd"), "-f", file("air.nrrd"), "--contour", "lungs"}), input, {"contour of the lungs in the fixed image", "NAME=LABEL", "no body was found"});
+}
+
 TEST_F(Evaluate, LabelsMissingOnOneSideAreSaid) {
   LabelImage some = labels({0, 0, 0});
   for (auto& v : some.data) v = v == 2 ? 5 : v;
@@ -185,7 +296,7 @@ TEST_F(Evaluate, LabelsMissingOnOneSideAreSaid) {
   EXPECT_NE(said.find("label 5 is missing in the fixed labels"), std::string::npos) << said;
   EXPECT_EQ(r["labels"]["after"][1]["dice"], 0);
   EXPECT_TRUE(r["labels"]["after"][1]["hausdorff_95_mm"].is_null());
-  EXPECT_NE(program::content(file("out/labels.csv")).find("2,after,0,,,\n"), std::string::npos);
+  EXPECT_NE(program::content(file("out/labels.csv")).find("2,after,0,,,,\n"), std::string::npos);
 }
 
 TEST_F(Evaluate, LandmarksOutsideAreLeftOutAndNamed) {
@@ -325,17 +436,24 @@ TEST_F(Evaluate, KnownFieldOfBrainWeb) {
   for (std::size_t v = 0; v < field.data.size(); ++v) field.data[v] = {0, along_y.data[v], 0};
   write_vector_image(file("field.nrrd"), field);
   const std::string original = (data / "t1_2mm.nii.gz").string(), warped = (data / "t1_warped_2mm.nii.gz").string();
-  const Json right = report({"-f", warped, "-m", original, "-t", file("field.nrrd"), "--canny-lower", "3", "--canny-upper", "8"});
+  const Json right = report({"-f", warped, "-m", original, "-t", file("field.nrrd"), "--reference-transform", file("field.nrrd"), "--canny-lower", "3", "--canny-upper", "8"});
   EXPECT_FALSE(right["direction"]["reversed_fits_better"]) << right["direction"];
   EXPECT_GT(right["correlation"]["after"], 0.99);
   EXPECT_LT(right["correlation"]["before"], 0.8);
   EXPECT_GT(right["edges"]["after"]["within_two_voxels_all_edges"], 0.99);
   EXPECT_EQ(right["field"]["jacobian"]["folded_voxels"], 0);
+  EXPECT_LT(right["edges"]["before"]["within_two_voxels_all_edges"], 0.9);
+  EXPECT_EQ(right["field_difference"]["max_mm"], 0);
   // With the images exchanged the field points the other way: wrong, and right when it is given as what it is.
   const Json wrong = report({"-f", original, "-m", warped, "-t", file("field.nrrd")});
   EXPECT_TRUE(wrong["direction"]["reversed_fits_better"]) << wrong["direction"];
   EXPECT_NE(said.find("wrong direction"), std::string::npos);
   EXPECT_GT(report({"-f", original, "-m", warped, "--inverse-transform", file("field.nrrd")})["correlation"]["after"], 0.99);
+  // The same of the inverse field and the images as they are.
+  const DenseField inverse = inverted(read_transform(file("field.nrrd"), "field"), field.grid, field.grid);
+  write_vector_image(file("inverse.nrrd"), inverse.displacement);
+  EXPECT_TRUE(report({"-f", warped, "-m", original, "-t", file("inverse.nrrd")})["direction"]["reversed_fits_better"]);
+  EXPECT_NE(said.find("wrong direction"), std::string::npos);
 }
 
 }  // namespace

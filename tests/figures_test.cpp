@@ -213,6 +213,42 @@ TEST(ConvergenceFigure, OfAShortOrConstantHistoryIsDrawn) {
   EXPECT_GT(convergence_figure({{1, 0, 0, 1, none}, {11, 0, 0, 1, none}}, 1).height, 500);
 }
 
+TEST(FieldDifferenceFigure, ShowsWherePointsDifferHowManyAndHowMuchTheyMove) {
+  const Image moving = image_of(plain_grid(), marked);
+  // Half of the body differs by 1 mm where the reference moves it by 10 mm, the other half, to the left, by 2 mm at 20 mm.
+  const auto left = [](const Vec3d& x) { return x.x > middle_of_body.x; };
+  const auto reference = [&](const Vec3d& x, Vec3d& u) { return u = {0, 0, left(x) ? 20.0 : 10.0}, true; };
+  const auto u = [&](const Vec3d& x, Vec3d& v) { return v = {0, 0, left(x) ? 22.0 : 11.0}, true; };
+  const FieldDifference d = compare_displacements(u, reference, moving.grid);
+  EXPECT_EQ(d.median, 1.5);
+  const Picture picture = field_difference_figure(moving, [&](const Grid& slice) { return difference_on_slice(u, reference, slice); }, d, "difference");
+  EXPECT_EQ(picture.width, 1500);
+  const double mm = 340.0 / (1500 - 114 - 2 * margin - 2 * gap);
+  const int y = margin + heading + int(0.7 * 2 * half_y / mm), width = int(2 * half_x / mm);
+  const Pixel far = pixel(picture, margin + int(0.75 * width), y), near = pixel(picture, margin + int(0.25 * width), y);
+  EXPECT_GT(far.green - far.blue, near.green - near.blue) << "2 mm is nearer to the yellow end of the colours than 1 mm";
+  // The distribution up to 2.2 mm: 50 % of the points at 1 mm, nothing in between.
+  constexpr int share_left = 112, share_width = 618, share_height = 330;
+  const int top = margin + heading + int(std::lround(2 * half_z / mm)) + margin + heading;
+  const auto shares = [&](double difference, double percent) {
+    Pixel found{255, 255, 255};
+    for (int dy = -2; dy <= 2; ++dy)
+      if (const Pixel p = pixel(picture, share_left + int(difference / 2.2 * share_width), top + int((1 - percent / 100) * share_height) + dy); curve(p)) found = p;
+    return curve(found);
+  };
+  EXPECT_TRUE(shares(1.2, 50));
+  EXPECT_TRUE(shares(1.8, 50));
+  EXPECT_FALSE(shares(1.2, 70));
+  EXPECT_FALSE(shares(0.5, 50));
+}
+
+TEST(FieldDifferenceFigure, OfEqualFieldsIsDrawn) {
+  const Image moving = image_of(plain_grid(), marked);
+  const auto rest = [](const Vec3d&, Vec3d& u) { return u = {}, true; };
+  const FieldDifference d = compare_displacements(rest, rest, moving.grid);
+  EXPECT_GT(field_difference_figure(moving, [&](const Grid& slice) { return difference_on_slice(rest, rest, slice); }, d, "difference").height, 500);
+}
+
 TEST(Drawing, LinesJoinTheirEndsAndAreAsWideAsAsked) {
   Picture picture = blank_picture(60, 40, white);
   draw_line(picture, 10, 5, 50, 35, 4, black);

@@ -1,9 +1,11 @@
 #pragma once
+#include <functional>
 #include <string>
 #include <vector>
 
 #include "core/solver.hpp"
 #include "core/volume.hpp"
+#include "imaging/field_difference.hpp"
 
 namespace mtled {
 
@@ -31,5 +33,9 @@ Picture shear_modulus_figure(const Image& moving, const Image& shear_modulus);
 /// strain energy [mN mm] over the relaxation step. NaN is left out: there is no estimate at first, and the energy is
 /// computed now and then. Throws an input error without history.
 Picture convergence_figure(const std::vector<HistoryEntry>& history, double tolerance_mm);
+/// Where and how much a displacement differs from a reference: `difference_on` a slice [mm] in colour on the three slices
+/// of the image, the distribution of the difference, and the difference over the displacement. `colors`: what the colours
+/// show, for the note below.
+Picture field_difference_figure(const Image& image, const std::function<Image(const Grid&)>& difference_on, const FieldDifference& difference, const std::string& colors);
 
 }  // namespace mtled

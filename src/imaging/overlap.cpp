@@ -9,6 +9,7 @@
 #include "imaging/nearest_point.hpp"
 #include "imaging/percentile.hpp"
 #include "imaging/same_grid.hpp"
+#include "imaging/surface_elements.hpp"
 
 namespace mtled {
 namespace {
@@ -72,6 +73,9 @@ std::vector<LabelOverlap> label_overlap(const LabelImage& a, const LabelImage& b
   for (std::size_t v = 0; v < a.data.size(); ++v)
     if (a.data[v] != 0 && a.data[v] == b.data[v]) ++shared[a.data[v]];
   std::map<int, Region> regions_a = regions_of(a), regions_b = regions_of(b);
+  const bool volume = std::find(a.grid.size.begin(), a.grid.size.end(), 1) == a.grid.size.end();
+  std::map<int, std::vector<SurfaceElement>> elements_a, elements_b;
+  if (volume) elements_a = surface_elements(a), elements_b = surface_elements(b);
   for (const auto& [label, region] : regions_b) regions_a[label];
 
   std::vector<LabelOverlap> result;
@@ -79,6 +83,7 @@ std::vector<LabelOverlap> label_overlap(const LabelImage& a, const LabelImage& b
     const Region& in_b = regions_b[label];
     LabelOverlap overlap{.label = label, .dice = 2 * double(shared[label]) / double(in_a.voxels + in_b.voxels), .voxels_a = in_a.voxels, .voxels_b = in_b.voxels};
     compare_surfaces(in_a, in_b, overlap);
+    overlap.hausdorff95_learn2reg_mm = hausdorff_by_area(elements_a[label], elements_b[label], 95);
     result.push_back(overlap);
   }
   return result;
