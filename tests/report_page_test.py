@@ -249,8 +249,8 @@ class ReportPage(unittest.TestCase):
                             self.assertEqual(self.at("axial", place, picture), colour)
                 found = {c for c in kinds if (picture == c).all(-1).any()}
                 self.assertEqual(found, expected)
-            self.toggle("Before and after side by side")
-        self.toggle("Before and after side by side")
+            self.toggle("Before and after")
+        self.toggle("Before and after")
         self.toggle("Colour-blind safe")
         picture = self.picture("axial")
         self.assertFalse(any((picture == c).all(-1).any() for c in kinds))
@@ -292,6 +292,11 @@ class ReportPage(unittest.TestCase):
         colour = np.array(self.at("axial", voxel, self.picture("axial", 1)))
         self.assertLessEqual(np.abs(colour - bar[round(255 * ((values[0] - values[1]) / 300 + 1) / 2)]).max(), COLOUR_ROUNDING)
         self.assertGreater(colour[0], colour[2])  # fixed brighter: orange, not blue
+        after = self.picture("axial", 1)
+        self.js("document.querySelector('.viewer .controls input[value=rigid]').focus(); document.querySelector('.viewer .controls input[value=rigid]').click()")
+        self.settle()
+        self.assertTrue((self.picture("axial", 1) != after).any())
+        self.assertEqual(self.js("return [document.activeElement.value, document.activeElement.checked]"), ["rigid", True])
         self.mode("jacobian")
         self.toggle("Crosshair")
         folded = [(s.start + s.stop - 1) // 2 for s in sample.FOLDED[::-1]]

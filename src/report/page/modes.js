@@ -20,7 +20,7 @@ const scalarLegend = (volume, extra, range = colourRange(volume.data), openBoth 
 const ratioRange = (v) => ({ low: 1 - v.ratio, high: 1 + v.ratio, stops: blueWhiteOrange });
 const opacityControl = (v) => slider("Opacity", { min: 0, max: 1, step: 0.05, value: v.opacity, show: (o) => `${Math.round(100 * o)} %` }, (o) => v.set({ opacity: o }));
 const candidateControl = (v) => (v.candidates.length > 1 ? segmented("Compare with", v.candidates.map((c) => [c.id, c.name]), v.candidate, (id) => v.set({ candidate: id }), true) : null);
-const pairControl = (v) => (v.mode.pair?.(v) ? toggle("Before and after side by side", v.sideBySide, (on) => v.set({ sideBySide: on }, true)) : null);
+const pairControl = (v) => (v.mode.pair?.(v) ? toggle("Before and after", v.sideBySide, (on) => v.set({ sideBySide: on }, true)) : null);
 const comparesFixed = (v) => v.volumes.fixed?.data.kind === "grey" && v.candidates.length > 0;
 const beforeAndChosen = (v) => (v.candidates.some((c) => c.id === "before") && v.candidate !== "before" ? ["before", v.candidate] : null);
 const shownCandidate = (v, panel) => panel.candidate ?? v.candidate;

@@ -76,9 +76,9 @@ class Viewer {
 
   /** Changes the state and draws; `rebuild` when planes or controls change, too. Resolves when all is drawn. */
   async set(changes, rebuild = false) {
-    const image = this.image;
+    const { image, candidate } = this;
     Object.assign(this, changes);
-    if (rebuild || image !== this.image) this.arrange();
+    if (rebuild || image !== this.image || candidate !== this.candidate) this.arrange();
     const wanted = this.mode.volumes(this).map((id) => this.volumes[id]);
     const waits = wanted.some((volume) => !volume.voxels);
     if (waits) this.root.dataset.state = "decoding";
@@ -97,8 +97,10 @@ class Viewer {
     this.schedule();
   }
 
-  /** Builds controls and planes for the mode. */
+  /** Builds controls and planes for the mode; what had the focus keeps it. */
   arrange() {
+    const usable = () => [...this.controls.querySelectorAll("input, select, button"), ...this.grid.querySelectorAll("button")];
+    const focused = document.activeElement, place = usable().indexOf(focused), plane = focused?.closest?.(".plane")?.querySelector("canvas").dataset.plane;
     const usesWindow = this.modeName !== "difference", lead = this.volumes[this.mode.base(this)].data.kind === "grey" ? this.volumes[this.mode.base(this)] : this.volumes.fixed ?? this.grey[0];
     this.controls.replaceChildren(...[...this.mode.controls(this), usesWindow && lead ? windowControls(this, lead) : null,
       slider("Zoom", { min: 1, max: 8, step: 0.5, value: this.zoom, show: (z) => `${z} ×` }, (zoom) => this.set({ zoom })),
@@ -112,10 +114,13 @@ class Viewer {
     this.grid.classList.toggle("enlarged", Boolean(this.enlarged));
     const widths = names.map((name) => Math.max(size[planes[name].across], 0.55 * Math.max(...size)));
     this.grid.style.setProperty("--columns", this.enlarged ? `repeat(${rows.length}, minmax(0, 1fr))` : widths.map((w) => `minmax(0, ${w * s}fr)`).join(" "));
-    const tallest = Math.max(...names.map((name, i) => size[planes[name].down] / widths[i]));
+    const slopes = names.map((name, i) => size[planes[name].down] / widths[i]), tallest = Math.max(...slopes);
+    const share = this.enlarged ? rows.length : widths.reduce((a, b) => a + b) / widths[slopes.indexOf(tallest)];
+    if (plane) this.grid.querySelector(`canvas[data-plane=${plane}]`)?.closest(".plane").querySelector("button").focus({ preventScroll: true });
+    else if (place >= 0) usable()[place]?.focus({ preventScroll: true });
     this.grid.style.setProperty("--shown", names.length);
     this.grid.style.setProperty("--tallest", tallest.toFixed(3));
-    this.grid.style.setProperty("--share", (widths.reduce((a, b) => a + b) / widths[names.reduce((best, name, i) => (size[planes[name].down] / widths[i] > size[planes[names[best]].down] / widths[best] ? i : best), 0)]).toFixed(3));
+    this.grid.style.setProperty("--share", share.toFixed(3));
   }
 
   /** The position in voxels of the space seen, rounded. */
