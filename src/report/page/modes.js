@@ -117,7 +117,7 @@ const modes = {
     layers: (v, panel, slice) => [v.volumes.fixed ? greyLayer(v, panel.plane, "fixed", slice) : null, [slicePixels(panel.plane, v.volumes.displacement, slice, scalarTable(v.volumes.displacement, v.opacity)), true]],
     controls: (v) => [opacityControl(v), v.arrows ? toggle("Arrows", v.arrowsShown, (on) => v.set({ arrowsShown: on })) : null],
     legend: (v) => element("div", { class: "legends" }, scalarLegend(v.volumes.displacement),
-      v.arrows && v.arrowsShown ? note(`Arrows begin where the tissue was in the moving image and end where it is in the fixed one, projected onto the plane, in true length; one every ${brief(v.arrows.spacing)} mm, a dot where it hardly moved in the plane.`) : null),
+      v.arrows && v.arrowsShown ? note(`Arrows begin where the tissue was in the moving image and end where it is in the fixed one, projected onto the plane, in true length; a dot where it hardly moved in the plane. They are ${brief(v.arrows.spacing)} mm apart, or a multiple of that where planes are small: zoom in or enlarge a plane to see all.`) : null),
     arrows: (v) => (v.arrowsShown ? v.arrows : null),
   },
   jacobian: {
