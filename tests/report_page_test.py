@@ -184,8 +184,26 @@ class ReportPage(unittest.TestCase):
                     self.assertEqual(self.at(plane, voxel, picture), (255,) * 3 if near.all() else (0,) * 3, (plane, voxel))
                     checked += 1
             self.assertGreater(checked, 60)
-            letters = {"axial": "Axial", "coronal": "Coronal", "sagittal": "Sagittal"}
-            self.assertTrue(self.js("return document.querySelector(`canvas[data-plane=${arguments[0]}]`).getAttribute('aria-label')", plane).startswith(letters[plane]))
+            self.assertTrue(self.js("return document.querySelector(`canvas[data-plane=${arguments[0]}]`).getAttribute('aria-label')", plane).startswith(plane.capitalize()))
+            bar = "".join("x" if white else " " for white in (picture[-10] == 255).all(-1))  # the row of the scale bar
+            length = max(map(len, bar.split()))
+            scale = min(picture.shape[1] / sample.SIZE[PLANES[plane][0]], picture.shape[0] / sample.SIZE[PLANES[plane][1]]) / sample.SPACING
+            self.assertLess(min(abs(length - mm * scale) for mm in (50, 100)), 3)  # px: its ends
+        voxel = np.array([30, 26, 52])
+        self.click("axial", voxel)
+        self.slide("Zoom", 6)
+        for plane, (across, down, up) in PLANES.items():  # the voxel of the crosshair is in the middle
+            picture, checked = self.picture(plane), set()
+            scale = 6 * min(picture.shape[1] / sample.SIZE[across], picture.shape[0] / sample.SIZE[down])
+            for step in np.ndindex(9, 9):
+                at, (right, below) = voxel.copy(), np.array(step) - 4
+                at[across] += right
+                at[down] += -below if up else below
+                near = solid[tuple(slice(c - 1, c + 2) for c in at[::-1])]
+                if near.all() == near.any():
+                    self.assertEqual(picture[int(picture.shape[0] / 2 + below * scale), int(picture.shape[1] / 2 + right * scale)].tolist(), [255 * near.all()] * 3)
+                    checked.add(near.all())
+            self.assertEqual(len(checked), 2, plane)
 
     def test_window_crosshair_and_readout(self):
         self.open(self.register)
