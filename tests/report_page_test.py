@@ -199,7 +199,7 @@ class ReportPage(unittest.TestCase):
                 at, (right, below) = voxel.copy(), np.array(step) - 4
                 at[across] += right
                 at[down] += -below if up else below
-                near = solid[tuple(slice(c - 1, c + 2) for c in at[::-1])]
+                near = solid[tuple(slice(c - 1, c + 2) if axis in (across, down) else c for axis, c in zip((2, 1, 0), at[::-1]))]
                 if near.all() == near.any():
                     self.assertEqual(picture[int(picture.shape[0] / 2 + below * scale), int(picture.shape[1] / 2 + right * scale)].tolist(), [255 * near.all()] * 3)
                     checked.add(near.all())

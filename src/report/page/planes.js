@@ -76,15 +76,15 @@ function platedText(pen, text, x, y, align, baseline, size) {
 
 /** Orientation letters, scale bar and, top left, the name of what is seen. */
 function drawFrame(pen, plane, view, spacing, dpr, title) {
-  const { width, height } = pen.canvas, pad = 8 * dpr, letter = 13 * dpr;
+  const { width, height } = pen.canvas, small = width < 240 * dpr, pad = (small ? 5 : 8) * dpr, letter = (small ? 10 : 13) * dpr, words = (small ? 10 : 12) * dpr;
   platedText(pen, plane.letters.left, pad, height / 2, "left", "middle", letter);
   platedText(pen, plane.letters.right, width - pad, height / 2, "right", "middle", letter);
   platedText(pen, plane.letters.top, width / 2, pad, "center", "top", letter);
   platedText(pen, plane.letters.bottom, width / 2, height - pad, "center", "bottom", letter);
   if (title) {
-    prepareText(pen, "left", "top", 12 * dpr);
+    prepareText(pen, "left", "top", words);
     const narrow = pen.measureText(title).width > width / 2 - 4 * pad;
-    platedText(pen, title, pad, narrow ? 3.2 * pad : pad, "left", "top", 12 * dpr);
+    platedText(pen, title, pad, narrow ? 3.2 * pad : pad, "left", "top", words);
   }
   const perMm = view.scale / spacing, length = [500, 200, 100, 50, 20, 10, 5, 2, 1].find((mm) => mm * perMm <= width / 3) ?? 1;
   const [x, y] = [width - pad - length * perMm, height - pad - 2 * dpr];
@@ -98,7 +98,7 @@ function drawFrame(pen, plane, view, spacing, dpr, title) {
   pen.lineTo(x + length * perMm, y);
   pen.lineTo(x + length * perMm, y - 4 * dpr);
   pen.stroke();
-  whiteText(pen, `${length} mm`, x + (length * perMm) / 2, y - 5 * dpr, "center", "bottom", 11 * dpr);
+  whiteText(pen, `${length} mm`, x + (length * perMm) / 2, y - 5 * dpr, "center", "bottom", Math.min(words, 11 * dpr));
 }
 
 /** Lines through the position, open around it. */
