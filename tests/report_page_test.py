@@ -184,8 +184,26 @@ class ReportPage(unittest.TestCase):
                     self.assertEqual(self.at(plane, voxel, picture), (255,) * 3 if near.all() else (0,) * 3, (plane, voxel))
                     checked += 1
             self.assertGreater(checked, 60)
-            letters = {"axial": "Axial", "coronal": "Coronal", "sagittal": "Sagittal"}
-            self.assertTrue(self.js("return document.querySelector(`canvas[data-plane=${arguments[0]}]`).getAttribute('aria-label')", plane).startswith(letters[plane]))
+            self.assertTrue(self.js("return document.querySelector(`canvas[data-plane=${arguments[0]}]`).getAttribute('aria-label')", plane).startswith(plane.capitalize()))
+            bar = "".join("x" if white else " " for white in (picture[-10] == 255).all(-1))  # the row of the scale bar
+            length = max(map(len, bar.split()))
+            scale = min(picture.shape[1] / sample.SIZE[PLANES[plane][0]], picture.shape[0] / sample.SIZE[PLANES[plane][1]]) / sample.SPACING
+            self.assertLess(min(abs(length - mm * scale) for mm in (50, 100)), 3)  # px: its ends
+        voxel = np.array([30, 26, 52])
+        self.click("axial", voxel)
+        self.slide("Zoom", 6)
+        for plane, (across, down, up) in PLANES.items():  # the voxel of the crosshair is in the middle
+            picture, checked = self.picture(plane), set()
+            scale = 6 * min(picture.shape[1] / sample.SIZE[across], picture.shape[0] / sample.SIZE[down])
+            for step in np.ndindex(9, 9):
+                at, (right, below) = voxel.copy(), np.array(step) - 4
+                at[across] += right
+                at[down] += -below if up else below
+                near = solid[tuple(slice(c - 1, c + 2) if axis in (across, down) else c for axis, c in zip((2, 1, 0), at[::-1]))]
+                if near.all() == near.any():
+                    self.assertEqual(picture[int(picture.shape[0] / 2 + below * scale), int(picture.shape[1] / 2 + right * scale)].tolist(), [255 * near.all()] * 3)
+                    checked.add(near.all())
+            self.assertEqual(len(checked), 2, plane)
 
     def test_window_crosshair_and_readout(self):
         self.open(self.register)
@@ -249,8 +267,8 @@ class ReportPage(unittest.TestCase):
                             self.assertEqual(self.at("axial", place, picture), colour)
                 found = {c for c in kinds if (picture == c).all(-1).any()}
                 self.assertEqual(found, expected)
-            self.toggle("Before and after side by side")
-        self.toggle("Before and after side by side")
+            self.toggle("Before and after")
+        self.toggle("Before and after")
         self.toggle("Colour-blind safe")
         picture = self.picture("axial")
         self.assertFalse(any((picture == c).all(-1).any() for c in kinds))
@@ -292,6 +310,11 @@ class ReportPage(unittest.TestCase):
         colour = np.array(self.at("axial", voxel, self.picture("axial", 1)))
         self.assertLessEqual(np.abs(colour - bar[round(255 * ((values[0] - values[1]) / 300 + 1) / 2)]).max(), COLOUR_ROUNDING)
         self.assertGreater(colour[0], colour[2])  # fixed brighter: orange, not blue
+        after = self.picture("axial", 1)
+        self.js("document.querySelector('.viewer .controls input[value=rigid]').focus(); document.querySelector('.viewer .controls input[value=rigid]').click()")
+        self.settle()
+        self.assertTrue((self.picture("axial", 1) != after).any())
+        self.assertEqual(self.js("return [document.activeElement.value, document.activeElement.checked]"), ["rigid", True])
         self.mode("jacobian")
         self.toggle("Crosshair")
         folded = [(s.start + s.stop - 1) // 2 for s in sample.FOLDED[::-1]]

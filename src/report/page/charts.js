@@ -22,20 +22,26 @@ function seriesKey(index) {
     svg("path", { d: "M1 6H33", class: `series-${index} line`, "stroke-dasharray": seriesStyles[index].dash }), symbol(index, 17, 6));
 }
 
-const waiting = [];
+const waiting = [], printWidth = 680; // px, about what a page holds
 
-/** A box that is drawn at its width, now (see drawWaiting) and whenever that changes. */
-function responsive(draw, attributes = {}) {
-  const box = element("div", { class: "chart", ...attributes });
+/** A box that is drawn at its width: once it is in the page (see drawWaiting), when that changes, and for print. */
+function responsive(draw) {
+  const box = element("div", { class: "chart" });
   let drawn = 0;
-  const redraw = () => {
-    drawn = box.clientWidth;
+  const redraw = (width = box.clientWidth) => {
+    drawn = width;
     if (drawn) box.replaceChildren(...draw(drawn));
   };
   waiting.push(redraw);
-  new ResizeObserver(() => requestAnimationFrame(() => box.clientWidth !== drawn && attempt("A chart", redraw))).observe(box);
+  new ResizeObserver(() => requestAnimationFrame(() => !printing && box.clientWidth !== drawn && attempt("A chart", redraw))).observe(box);
+  addEventListener("beforeprint", () => box.isConnected && attempt("A chart", () => redraw(printWidth)));
+  addEventListener("afterprint", () => box.isConnected && attempt("A chart", redraw));
   return box;
 }
+
+let printing = false;
+addEventListener("beforeprint", () => (printing = true));
+addEventListener("afterprint", () => (printing = false));
 
 /** Draws what was waiting for its place in the page. */
 function drawWaiting() {

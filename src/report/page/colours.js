@@ -68,8 +68,8 @@ function colourBar({ name, unit, low, high, stops, openStart = false, openEnd = 
     pen.fillStyle = `rgb(${mapped(stops, x / 255).join(" ")})`;
     pen.fillRect(x, 0, 1, 1);
   }
-  const near = (a, b) => Math.abs(a - b) < 1e-6 * (high - low), inner = ticksBetween(low, high, 4), ends = [...(openStart ? [low] : []), ...(openEnd ? [high] : [])];
-  const shown = [...inner.filter((t) => !ends.some((e) => Math.abs(e - t) < 0.22 * (high - low))), ...ends];
+  const near = (a, b) => Math.abs(a - b) < 1e-6 * (high - low), inner = ticksBetween(low, high, 4), ends = [low, high];
+  const shown = [...inner.filter((t) => !ends.some((e) => Math.abs(e - t) < 0.18 * (high - low))), ...ends];
   const ticks = shown.map((value) => element("span", { style: `left:${(100 * (value - low)) / (high - low)}%` }, (openEnd && near(value, high) ? "≥ " : openStart && near(value, low) ? "≤ " : "") + brief(value)));
   const title = unit ? `${name} [${unit}]` : name;
   return element("figure", { class: "colourbar", "aria-label": `Colour bar: ${title}, ${brief(low)} to ${brief(high)}` },

@@ -35,8 +35,8 @@ function brief(value, digits = 3) {
 const count = (value) => decimals(value, 0);
 const percent = (fraction) => (known(fraction) ? `${decimals(100 * fraction, 1)} %` : "–");
 
-/** The last part of a path; the whole path is for the title attribute. */
-const shortPath = (path) => path.split(/[\\/]/).filter(Boolean).pop() ?? path;
+/** The last parts of a path; the whole path is for the title attribute. */
+const shortPath = (path, parts = 1) => path.split(/[\\/]/).filter(Boolean).slice(-parts).join("/") || path;
 
 const sizeOf = (item) => [item.size && `${item.size.join(" × ")} voxels`, item.spacing_mm && `${item.spacing_mm.map((s) => brief(s)).join(" × ")} mm`].filter(Boolean).join(" of ");
 

@@ -72,7 +72,7 @@ function labelsSection(report) {
   const rigidity = report.rigidity?.length ? dataTable("How far the transform moves each label from its best rigid motion", [
     { name: "Label", text: true, show: (r) => String(r.label) },
     { name: "Voxels", show: (r) => count(r.voxels) },
-    { name: "Root mean square", unit: "mm", show: (r) => decimals(r.rms_mm) },
+    { name: "rms", unit: "mm", title: "Root of the mean square", show: (r) => decimals(r.rms_mm) },
     { name: "Largest", unit: "mm", show: (r) => decimals(r.largest_mm) },
     { name: "", text: true, show: (r) => deviationMark(r.rms_mm) },
   ], report.rigidity) : null;

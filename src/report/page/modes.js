@@ -20,7 +20,7 @@ const scalarLegend = (volume, extra, range = colourRange(volume.data), openBoth 
 const ratioRange = (v) => ({ low: 1 - v.ratio, high: 1 + v.ratio, stops: blueWhiteOrange });
 const opacityControl = (v) => slider("Opacity", { min: 0, max: 1, step: 0.05, value: v.opacity, show: (o) => `${Math.round(100 * o)} %` }, (o) => v.set({ opacity: o }));
 const candidateControl = (v) => (v.candidates.length > 1 ? segmented("Compare with", v.candidates.map((c) => [c.id, c.name]), v.candidate, (id) => v.set({ candidate: id }), true) : null);
-const pairControl = (v) => (v.mode.pair?.(v) ? toggle("Before and after side by side", v.sideBySide, (on) => v.set({ sideBySide: on }, true)) : null);
+const pairControl = (v) => (v.mode.pair?.(v) ? toggle("Before and after", v.sideBySide, (on) => v.set({ sideBySide: on }, true)) : null);
 const comparesFixed = (v) => v.volumes.fixed?.data.kind === "grey" && v.candidates.length > 0;
 const beforeAndChosen = (v) => (v.candidates.some((c) => c.id === "before") && v.candidate !== "before" ? ["before", v.candidate] : null);
 const shownCandidate = (v, panel) => panel.candidate ?? v.candidate;
@@ -117,7 +117,7 @@ const modes = {
     layers: (v, panel, slice) => [v.volumes.fixed ? greyLayer(v, panel.plane, "fixed", slice) : null, [slicePixels(panel.plane, v.volumes.displacement, slice, scalarTable(v.volumes.displacement, v.opacity)), true]],
     controls: (v) => [opacityControl(v), v.arrows ? toggle("Arrows", v.arrowsShown, (on) => v.set({ arrowsShown: on })) : null],
     legend: (v) => element("div", { class: "legends" }, scalarLegend(v.volumes.displacement),
-      v.arrows && v.arrowsShown ? note(`Arrows begin where the tissue was in the moving image and end where it is in the fixed one, projected onto the plane, in true length; one every ${brief(v.arrows.spacing)} mm, a dot where it hardly moved in the plane.`) : null),
+      v.arrows && v.arrowsShown ? note(`Arrows begin where the tissue was in the moving image and end where it is in the fixed one, projected onto the plane, in true length; a dot where it hardly moved in the plane. They are ${brief(v.arrows.spacing)} mm apart, or a multiple of that where planes are small: zoom in or enlarge a plane to see all.`) : null),
     arrows: (v) => (v.arrowsShown ? v.arrows : null),
   },
   jacobian: {

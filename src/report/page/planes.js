@@ -53,43 +53,52 @@ function drawLayer(pen, view, size, pixels, smooth) {
   pen.drawImage(scratch, view.left, view.top, scratch.width * view.scale, scratch.height * view.scale);
 }
 
-/** White text on a dark plate, readable on any picture. */
-function platedText(pen, text, x, y, align, baseline, size) {
+function prepareText(pen, align, baseline, size) {
   pen.font = `600 ${size}px system-ui, sans-serif`;
   pen.textAlign = align;
   pen.textBaseline = baseline;
-  const box = pen.measureText(text), edge = size * 0.3;
-  pen.fillStyle = "rgb(0 0 0 / 0.6)";
-  pen.fillRect(x - box.actualBoundingBoxLeft - edge, y - box.actualBoundingBoxAscent - edge, box.actualBoundingBoxLeft + box.actualBoundingBoxRight + 2 * edge, box.actualBoundingBoxAscent + box.actualBoundingBoxDescent + 2 * edge);
+}
+
+function whiteText(pen, text, x, y, align, baseline, size) {
+  prepareText(pen, align, baseline, size);
   pen.fillStyle = "#fff";
   pen.fillText(text, x, y);
 }
 
+/** White text on a dark plate, readable on any picture. */
+function platedText(pen, text, x, y, align, baseline, size) {
+  prepareText(pen, align, baseline, size);
+  const box = pen.measureText(text), edge = size * 0.3;
+  pen.fillStyle = "rgb(0 0 0 / 0.6)";
+  pen.fillRect(x - box.actualBoundingBoxLeft - edge, y - box.actualBoundingBoxAscent - edge, box.actualBoundingBoxLeft + box.actualBoundingBoxRight + 2 * edge, box.actualBoundingBoxAscent + box.actualBoundingBoxDescent + 2 * edge);
+  whiteText(pen, text, x, y, align, baseline, size);
+}
+
 /** Orientation letters, scale bar and, top left, the name of what is seen. */
 function drawFrame(pen, plane, view, spacing, dpr, title) {
-  const { width, height } = pen.canvas, pad = 8 * dpr, letter = 13 * dpr;
+  const { width, height } = pen.canvas, small = width < 240 * dpr, pad = (small ? 5 : 8) * dpr, letter = (small ? 10 : 13) * dpr, words = (small ? 10 : 12) * dpr;
   platedText(pen, plane.letters.left, pad, height / 2, "left", "middle", letter);
   platedText(pen, plane.letters.right, width - pad, height / 2, "right", "middle", letter);
   platedText(pen, plane.letters.top, width / 2, pad, "center", "top", letter);
   platedText(pen, plane.letters.bottom, width / 2, height - pad, "center", "bottom", letter);
   if (title) {
-    pen.font = `600 ${12 * dpr}px system-ui, sans-serif`;
+    prepareText(pen, "left", "top", words);
     const narrow = pen.measureText(title).width > width / 2 - 4 * pad;
-    platedText(pen, title, pad, narrow ? 3.2 * pad : pad, "left", "top", 12 * dpr);
+    platedText(pen, title, pad, narrow ? 3.2 * pad : pad, "left", "top", words);
   }
   const perMm = view.scale / spacing, length = [500, 200, 100, 50, 20, 10, 5, 2, 1].find((mm) => mm * perMm <= width / 3) ?? 1;
   const [x, y] = [width - pad - length * perMm, height - pad - 2 * dpr];
-  for (const [colour, line] of [["rgb(0 0 0 / 0.75)", 4], ["#fff", 2]]) {
-    pen.strokeStyle = colour;
-    pen.lineWidth = line * dpr;
-    pen.beginPath();
-    pen.moveTo(x, y - 4 * dpr);
-    pen.lineTo(x, y);
-    pen.lineTo(x + length * perMm, y);
-    pen.lineTo(x + length * perMm, y - 4 * dpr);
-    pen.stroke();
-  }
-  platedText(pen, `${length} mm`, x + (length * perMm) / 2, y - 5 * dpr, "center", "bottom", 11 * dpr);
+  pen.fillStyle = "rgb(0 0 0 / 0.6)";
+  pen.fillRect(x - 4 * dpr, y - 20 * dpr, length * perMm + 8 * dpr, 25 * dpr);
+  pen.strokeStyle = "#fff";
+  pen.lineWidth = 2 * dpr;
+  pen.beginPath();
+  pen.moveTo(x, y - 4 * dpr);
+  pen.lineTo(x, y);
+  pen.lineTo(x + length * perMm, y);
+  pen.lineTo(x + length * perMm, y - 4 * dpr);
+  pen.stroke();
+  whiteText(pen, `${length} mm`, x + (length * perMm) / 2, y - 5 * dpr, "center", "bottom", Math.min(words, 11 * dpr));
 }
 
 /** Lines through the position, open around it. */
@@ -107,14 +116,15 @@ function drawCrosshair(pen, [x, y], dpr) {
   }
 }
 
-/** Arrows of the layer of nodes nearest to slice `at`, from where the tissue came to where it is; dots where it moved within a pixel. */
+/** Arrows of the layer of nodes nearest to slice `at`, from where the tissue came to where it is; dots where it moved within a pixel. Not closer than 13 px. */
 function drawArrows(pen, view, space, arrows, at, dpr) {
   const { plane } = view, slice = space.origin_mm[plane.normal] + at * space.spacing_mm;
   const layer = Math.round((slice - arrows.origin[plane.normal]) / arrows.spacing);
   if (layer < 0 || layer >= arrows.size[plane.normal]) return;
   const lines = new Path2D(), heads = new Path2D(), toVoxel = (p) => p.map((c, a) => (c - space.origin_mm[a]) / space.spacing_mm);
-  for (let b = 0; b < arrows.size[plane.down]; ++b)
-    for (let a = 0; a < arrows.size[plane.across]; ++a) {
+  const stride = Math.max(1, Math.ceil((13 * dpr * space.spacing_mm) / (arrows.spacing * view.scale)));
+  for (let b = 0; b < arrows.size[plane.down]; b += stride)
+    for (let a = 0; a < arrows.size[plane.across]; a += stride) {
       const node = [0, 0, 0];
       node[plane.normal] = layer;
       node[plane.across] = a;

@@ -1,20 +1,21 @@
-const inputOf = (report, ...words) => (report.inputs ?? []).find((input) => words.every((word) => input.role.toLowerCase().includes(word)));
+const inputOf = (report, ...roles) => (report.inputs ?? []).find((input) => roles.includes(input.role.toLowerCase()));
 
-const named = (input) => element("span", { class: "file", title: input.path }, shortPath(input.path));
+const named = (input, parts) => element("span", { class: "file", title: input.path }, shortPath(input.path, parts));
 
 /** What was registered with what, or evaluated against what. */
 function titleSection(report) {
-  const fixed = inputOf(report, "fixed", "image"), moving = inputOf(report, "moving", "image"), judged = inputOf(report, "warped", "image") ?? inputOf(report, "transform");
+  const fixed = inputOf(report, "fixed image", "fixed"), moving = inputOf(report, "moving image", "moving"), judged = inputOf(report, "warped image", "warped", "result", "transform");
   const first = report.kind === "register" ? moving : judged ?? moving;
+  const parts = first && fixed && shortPath(first.path) === shortPath(fixed.path) ? 2 : 1;
   const heading = first && fixed
-    ? [named(first), element("span", { class: "joining" }, report.kind === "register" ? " brought onto " : " judged against "), named(fixed)]
+    ? [named(first, parts), element("span", { class: "joining" }, report.kind === "register" ? " brought onto " : " judged against "), named(fixed, parts)]
     : [report.kind === "register" ? "Registration" : "Evaluation of a registration"];
-  const images = (report.inputs ?? []).filter((input) => /image|transform/i.test(input.role));
-  document.title = `${first && fixed ? `${shortPath(first.path)} – ${shortPath(fixed.path)}` : heading[0]} · mtled`;
+  const images = (report.inputs ?? []).filter((input) => /image|transform|^(fixed|moving|warped)$/i.test(input.role));
+  document.title = `${first && fixed ? `${shortPath(first.path, parts)} – ${shortPath(fixed.path, parts)}` : heading[0]} · mtled`;
   return element("header", { class: "title" },
     element("p", { class: "kind" }, report.kind === "register" ? "Registration report" : "Evaluation report"),
     element("h1", {}, heading),
-    facts([...images.map((input) => [capital(input.role), element("span", {}, named(input), element("small", {}, sizeOf(input)))]),
+    facts([...images.map((input) => [capital(input.role), element("span", {}, named(input, parts), element("small", {}, sizeOf(input)))]),
       ["Program", report.program], ["Written", report.created]]));
 }
 

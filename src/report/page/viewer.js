@@ -76,12 +76,15 @@ class Viewer {
 
   /** Changes the state and draws; `rebuild` when planes or controls change, too. Resolves when all is drawn. */
   async set(changes, rebuild = false) {
-    const image = this.image;
+    const { image, candidate } = this;
     Object.assign(this, changes);
-    if (rebuild || image !== this.image) this.arrange();
+    if (rebuild || image !== this.image || candidate !== this.candidate) this.arrange();
     const wanted = this.mode.volumes(this).map((id) => this.volumes[id]);
     const waits = wanted.some((volume) => !volume.voxels);
-    if (waits) this.root.dataset.state = "decoding";
+    if (waits) {
+      this.root.dataset.state = "decoding";
+      this.readout.replaceChildren(element("div", {}, element("dt", {}, "Decoding the pictures …")));
+    }
     try {
       await Promise.all(wanted.map((volume) => volume.load()));
       this.message.hidden = true;
@@ -97,8 +100,10 @@ class Viewer {
     this.schedule();
   }
 
-  /** Builds controls and planes for the mode. */
+  /** Builds controls and planes for the mode; what had the focus keeps it. */
   arrange() {
+    const usable = () => [...this.controls.querySelectorAll("input, select, button"), ...this.grid.querySelectorAll("button")];
+    const focused = document.activeElement, place = usable().indexOf(focused), plane = focused?.closest?.(".plane")?.querySelector("canvas").dataset.plane;
     const usesWindow = this.modeName !== "difference", lead = this.volumes[this.mode.base(this)].data.kind === "grey" ? this.volumes[this.mode.base(this)] : this.volumes.fixed ?? this.grey[0];
     this.controls.replaceChildren(...[...this.mode.controls(this), usesWindow && lead ? windowControls(this, lead) : null,
       slider("Zoom", { min: 1, max: 8, step: 0.5, value: this.zoom, show: (z) => `${z} ×` }, (zoom) => this.set({ zoom })),
@@ -112,10 +117,13 @@ class Viewer {
     this.grid.classList.toggle("enlarged", Boolean(this.enlarged));
     const widths = names.map((name) => Math.max(size[planes[name].across], 0.55 * Math.max(...size)));
     this.grid.style.setProperty("--columns", this.enlarged ? `repeat(${rows.length}, minmax(0, 1fr))` : widths.map((w) => `minmax(0, ${w * s}fr)`).join(" "));
-    const tallest = Math.max(...names.map((name, i) => size[planes[name].down] / widths[i]));
+    const slopes = names.map((name, i) => size[planes[name].down] / widths[i]), tallest = Math.max(...slopes);
+    const share = this.enlarged ? rows.length : widths.reduce((a, b) => a + b) / widths[slopes.indexOf(tallest)];
+    if (plane) this.grid.querySelector(`canvas[data-plane=${plane}]`)?.closest(".plane").querySelector("button").focus({ preventScroll: true });
+    else if (place >= 0) usable()[place]?.focus({ preventScroll: true });
     this.grid.style.setProperty("--shown", names.length);
     this.grid.style.setProperty("--tallest", tallest.toFixed(3));
-    this.grid.style.setProperty("--share", (widths.reduce((a, b) => a + b) / widths[names.reduce((best, name, i) => (size[planes[name].down] / widths[i] > size[planes[names[best]].down] / widths[best] ? i : best), 0)]).toFixed(3));
+    this.grid.style.setProperty("--share", share.toFixed(3));
   }
 
   /** The position in voxels of the space seen, rounded. */
@@ -169,115 +177,5 @@ class Viewer {
       this.redraw();
       this.schedule();
     }, 1000 / this.rate);
-  }
-}
-
-/** Half widths around 1 that the colours of the volume ratio may span; the fitting one holds 98 % of the body where its percentiles are known. */
-function ratioRanges(data, jacobian) {
-  if (!data) return { all: [], fitting: 0 };
-  const { low, high } = colourRange(data), whole = (high - low) / 2, all = [...[0.05, 0.1, 0.2, 0.5].filter((half) => half < whole), whole];
-  const needed = jacobian ? Math.max(Math.abs(jacobian.percentile_1 - 1), Math.abs(jacobian.percentile_99 - 1)) : whole;
-  return { all, fitting: all.find((half) => half >= needed) ?? whole };
-}
-
-/** Presets and ends of the grey window. */
-function windowControls(v, volume) {
-  const { windows = [], unit = "" } = volume.data, full = { name: "Full range", low: volume.data.low, high: volume.data.high };
-  const presets = [...windows, full], same = presets.findIndex((w) => w.low === v.window.low && w.high === v.window.high);
-  const end = (name, key) => element("input", { type: "number", value: v.window[key], step: "any", "aria-label": `${name} end of the grey window${unit ? `, ${unit}` : ""}`, change: (e) => {
-    if (e.target.value !== "") v.set({ window: { ...v.window, [key]: Number(e.target.value) } }, true);
-  } });
-  return element("span", { class: "field" },
-    choice("Window", [...presets.map((w, i) => [i, w.name]), ...(same < 0 ? [["own", "Own"]] : [])], same < 0 ? "own" : same, (i) => presets[i] && v.set({ window: { low: presets[i].low, high: presets[i].high } }, true)),
-    element("span", { class: "ends" }, end("Lower", "low"), " to ", end("Upper", "high"), ` ${unit}`));
-}
-
-/** What is known at the position, as entries of a list. */
-function readings(v) {
-  const point = v.positions[v.space.id], voxel = v.voxel(), entries = [["Position (LPS)", `${point.map((p) => decimals(p, 1)).join(", ")} mm`]];
-  for (const volume of Object.values(v.volumes)) {
-    if (!volume.voxels || volume.data.kind === "bits" || volume.data.space !== v.space.id) continue;
-    const value = volume.value(volume.byteAt(voxel)), { kind, unit, high, open_end: open } = volume.data;
-    entries.push([volume.name, value === null ? "–" : `${open && value >= high ? "≥ " : ""}${decimals(value, kind === "grey" ? 0 : 2)} ${volume.id === "jacobian" ? "" : unit ?? ""}`.trim()]);
-  }
-  const vector = v.space.id === "fixed" ? v.arrows?.between(point) : null;
-  if (vector) entries.push(["v (to the moving image)", `${vector.map((c) => decimals(c, 1)).join(", ")} mm`]);
-  return entries.map(([name, value]) => element("div", {}, element("dt", {}, name), element("dd", {}, value)));
-}
-
-/** One plane: its canvas, slider and button to enlarge it. */
-class Panel {
-  constructor(viewer, name, candidate, { first, last }) {
-    Object.assign(this, { viewer, name, candidate, plane: planes[name] });
-    const { normal } = this.plane, { size } = viewer.space;
-    this.canvas = element("canvas", { tabindex: 0, role: "img", "data-plane": name, "data-row": candidate ?? "" });
-    this.slider = element("input", { type: "range", min: 0, max: size[normal] - 1, step: 1, "aria-label": `${this.plane.name} slice`, input: (e) => viewer.step(normal, Number(e.target.value) - viewer.voxel()[normal]) });
-    this.place = element("output", {});
-    const larger = viewer.enlarged === name;
-    this.root = element("figure", { class: first ? "plane" : "plane later", style: `--own:${(size[this.plane.down] / size[this.plane.across]).toFixed(3)}` },
-      element("figcaption", {}, element("b", {}, this.plane.name), this.place,
-        button(svg("svg", { viewBox: "0 0 16 16", "aria-hidden": "true" }, svg("path", { d: larger ? "M6.5 2v4.5H2M9.5 14V9.5H14M6.5 6.5 2 2M9.5 9.5 14 14" : "M9.5 2H14v4.5M6.5 14H2V9.5M14 2 9.5 6.5M2 14l4.5-4.5" })), () => viewer.set({ enlarged: larger ? null : name }, true),
-          { class: "icon", title: larger ? "Show all planes (Escape)" : "Enlarge this plane", "aria-label": larger ? "Show all planes" : `Enlarge the ${name} plane` })),
-      element("div", { class: "canvas-box" }, this.canvas), last || viewer.enlarged ? this.slider : null);
-    this.listen();
-  }
-
-  listen() {
-    const { canvas, viewer, plane } = this, { normal } = plane;
-    let dragging = false;
-    const go = (event) => {
-      const bounds = canvas.getBoundingClientRect(), factor = canvas.width / bounds.width;
-      const [across, down] = underCanvas(this.view, (event.clientX - bounds.left) * factor, (event.clientY - bounds.top) * factor);
-      const { origin_mm: o, spacing_mm: s } = viewer.space, point = [...viewer.positions[viewer.space.id]];
-      point[plane.across] = o[plane.across] + s * across;
-      point[plane.down] = o[plane.down] + s * down;
-      viewer.moveTo(point);
-    };
-    canvas.addEventListener("pointerdown", (event) => {
-      if (event.button !== 0 || !this.view) return;
-      dragging = true;
-      viewer.held = viewer.voxel();
-      canvas.setPointerCapture(event.pointerId);
-      canvas.focus({ preventScroll: true });
-      go(event);
-    });
-    canvas.addEventListener("pointermove", (event) => dragging && go(event));
-    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => {
-      dragging = false;
-      viewer.held = null;
-      viewer.redraw();
-    });
-    canvas.addEventListener("wheel", (event) => {
-      if (document.activeElement !== canvas || event.ctrlKey) return;
-      event.preventDefault();
-      viewer.step(normal, event.deltaY < 0 ? 1 : -1);
-    }, { passive: false });
-    canvas.addEventListener("keydown", (event) => {
-      const by = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1, PageUp: 10, PageDown: -10, Home: -1e6, End: 1e6 }[event.key];
-      if (!by) return;
-      event.preventDefault();
-      viewer.step(normal, by);
-    });
-  }
-
-  draw() {
-    const { canvas, viewer, plane } = this, dpr = devicePixelRatio || 1, { size, spacing_mm: s, origin_mm: o } = viewer.space;
-    const [width, height] = [canvas.parentElement.clientWidth, canvas.parentElement.clientHeight].map((n) => Math.max(1, Math.round(n * dpr)));
-    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-    const pen = canvas.getContext("2d"), voxel = viewer.voxel(), slice = voxel[plane.normal], place = viewer.positions[viewer.space.id].map((p, a) => (p - o[a]) / s);
-    this.view = layOut(plane, size, width, height, viewer.zoom, viewer.held ?? voxel);
-    pen.fillStyle = "#000";
-    pen.fillRect(0, 0, width, height);
-    for (const layer of viewer.mode.layers(viewer, this, slice)) if (layer) drawLayer(pen, this.view, size, ...layer);
-    const arrows = viewer.mode.arrows?.(viewer);
-    if (arrows) drawArrows(pen, this.view, viewer.space, arrows, slice, dpr);
-    if (viewer.crosshair) drawCrosshair(pen, onCanvas(this.view, place), dpr);
-    const title = viewer.mode.title(viewer, this);
-    drawFrame(pen, plane, this.view, s, dpr, title);
-    this.slider.value = slice;
-    const mm = viewer.positions[viewer.space.id][plane.normal], side = mm < 0 ? plane.sides[0] : plane.sides[1];
-    this.place.textContent = `${"xyz"[plane.normal]} ${decimals(mm, 1)} mm · ${slice + 1} / ${size[plane.normal]}`;
-    this.slider.setAttribute("aria-valuetext", `slice ${slice + 1} of ${size[plane.normal]}, ${decimals(Math.abs(mm), 1)} mm ${side}`);
-    canvas.setAttribute("aria-label", `${plane.name} plane${title ? `, ${title}` : ""}, slice ${slice + 1} of ${size[plane.normal]}. Arrow keys step through the slices.`);
   }
 }
