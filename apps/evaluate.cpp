@@ -8,6 +8,7 @@
 #include "imaging/same_grid.hpp"
 #include "io/output.hpp"
 #include "report.hpp"
+#include "stages.hpp"
 
 namespace mtled {
 namespace {
@@ -16,13 +17,13 @@ constexpr double report_margin_mm = 20;  ///< around what is compared
 
 std::size_t axes_of_one_voxel(const Grid& grid) { return std::size_t(std::count(grid.size.begin(), grid.size.end(), 1)); }
 
-void report_labels(const EvaluateOptions& options, const Grid& fixed, const Maps& maps, const VectorImage& identity, Json& report) {
+void report_labels(const EvaluateOptions& options, const Grid& fixed, const Maps& maps, Json& report) {
   std::optional<LabelImage> fixed_labels, moving_labels, after;
   if (!options.fixed_labels.empty()) fixed_labels = labels_on(fixed, options.fixed_labels, "fixed labels");
   if (!options.moving_labels.empty()) moving_labels = read_labels(options.moving_labels, "moving labels");
   if (!options.warped_labels.empty()) after = labels_on(fixed, options.warped_labels, "warped labels");
   else if (moving_labels && maps.field) after = warp_labels(*moving_labels, maps.field->displacement);
-  if (fixed_labels && moving_labels) report["labels"]["before"] = describe(label_overlap(warp_labels(*moving_labels, identity), *fixed_labels));
+  if (fixed_labels && moving_labels) report["labels"]["before"] = describe(label_overlap(labels_at(*moving_labels, fixed), *fixed_labels));
   if (fixed_labels && after) {
     report["labels"]["after"] = describe(label_overlap(*after, *fixed_labels));
     for (const Json& l : report["labels"]["after"])
@@ -106,6 +107,7 @@ void run(CLI::App& verb, EvaluateOptions& options) {
   apply_config(verb, options);
   check_usage(verb, options);
   const auto limit = start(options);
+  Stages times;
   const Image fixed = read_image(options.fixed, "fixed image");
   std::optional<Image> moving, warped;
   if (!options.moving.empty()) moving = read_image(options.moving, "moving image");
@@ -116,10 +118,12 @@ void run(CLI::App& verb, EvaluateOptions& options) {
     require(same_grid(fixed.grid, warped->grid), "warped image '", options.warped.string(), "' is on another grid than the fixed image; resample it to the fixed image, or give the moving image and the transform instead");
   }
   const Mask mask = options.mask.empty() ? Mask(fixed.grid, 1) : mask_on(fixed.grid, options.mask, "mask");
+  times.lap("images");
   announce(options, "reading transforms");
   const Maps maps = read_maps(options, fixed.grid, moving);
   const Landmarks landmarks = read_landmarks(options, fixed.grid, moving, maps);
   const OutputDirectory output(options.output, options.force);
+  times.lap("transforms");
   announce(options, "evaluating");
   const CannyOptions& canny = options.evaluation.canny;
   Json report;
@@ -127,42 +131,48 @@ void run(CLI::App& verb, EvaluateOptions& options) {
   report["warnings"] = Json::array();
 
   Mask where = mask;
-  VectorImage identity(fixed.grid);
   std::optional<Image> before;
   if (maps.field) {
-    where = intersection(where, maps.field->covered);
+    where = intersection(std::move(where), maps.field->covered);
     if (count(where) < count(mask)) note(report, concatenate("the transform is known at ", 100.0 * double(count(where)) / double(count(mask)), " % of the voxels only; the others are left out of edges and Jacobian"));
   }
   if (moving) {
+    Mask inside;
     if (maps.field && !warped) {
-      VectorImage field = maps.field->displacement;
-      where = intersection(where, keep_inside(field, moving->grid));
-      warped = warp_image(*moving, field, Interpolation::linear, 0);
+      warped = warp_continued(*moving, fixed.grid, &maps.field->displacement, inside);
+      where = intersection(std::move(where), inside);
     }
-    VectorImage there = identity;
-    const Mask reached = keep_inside(there, moving->grid);
-    before = warp_image(*moving, there, Interpolation::linear, 0);
-    if (!maps.field) where = intersection(where, reached);
+    before = warp_continued(*moving, fixed.grid, nullptr, inside);
+    if (!maps.field) where = intersection(std::move(where), inside);
   }
   require(count(where) > 0, maps.field ? "the transform leads no voxel of the fixed image (within the mask) into the moving image; check that it belongs to these images and maps points of the fixed to the moving image"
                                        : "the moving image does not overlap the fixed image (within the mask) in space; give the transform between them");
+  times.lap("warping");
   std::vector<NamedImage> candidates;
   if (before) candidates.push_back({"before", &*before});
   if (warped) candidates.push_back({"after", &*warped});
   for (const NamedImage& c : candidates) report["correlation"][c.name] = correlation(fixed, *c.image, where);
+  times.lap("correlation");
   std::optional<ReportView> view;
-  if (options.report) view = view_of(fixed, moving, warped, maps, where);
+  if (options.report) view = view_of(fixed, moving, warped, maps, where), times.lap("report");
   if (!candidates.empty())
     report["edges"] = compare_edges_of(fixed, candidates, canny, where, moving ? &moving->grid : nullptr, options.slices ? EdgeSpace::slices : EdgeSpace::volume,
                                        [&](const std::string& name, const Mask& edges) { if (view) view->add_edges(name, edges); });
-  report_labels(options, fixed.grid, maps, identity, report);
+  before.reset(), warped.reset();
+  times.lap("edges");
+  report_labels(options, fixed.grid, maps, report);
+  times.lap("labels");
   report_landmarks(landmarks, maps, report);
   if (maps.field) report_field(mask, maps, report);
+  times.lap("field");
   check_direction(options, fixed, moving, mask, maps, landmarks, report);
+  times.lap("direction");
 
   if (report.contains("edges")) write_text(output / "edges.csv", edge_table(report["edges"]));
   if (report.contains("labels")) write_text(output / "labels.csv", label_table(report["labels"]));
   if (report.contains("landmarks")) write_text(output / "landmarks.csv", landmark_table(landmarks, maps));
+  times.lap("writing");
+  report["stages"] = times.report();
   write_text(output / "evaluation.json", report.dump(1) + "\n");
   if (view) write_report(output / "report.html", report_facts(options, fixed, moving, report), *view);
   print_report(report);

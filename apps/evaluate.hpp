@@ -1,4 +1,5 @@
 #pragma once
+#include <memory>
 #include <optional>
 
 #include "evaluation_report.hpp"
@@ -15,8 +16,8 @@ struct EvaluateOptions : CommonOptions {
 /// The map fixed -> moving and, if it is known, moving -> fixed.
 struct Maps {
   DisplacementFunction there, back;
-  std::optional<DenseField> field;  ///< `there` on the fixed grid
-  bool computed_inverse = false;    ///< `there` was computed from `back`
+  std::shared_ptr<const DenseField> field;  ///< `there` on the fixed grid
+  bool computed_inverse = false;            ///< `there` was computed from `back`
 };
 
 /// Corresponding points inside both images, and those left out.
@@ -27,7 +28,8 @@ struct Landmarks {
 
 /// Throws an input error for files that are no transforms.
 Maps read_maps(EvaluateOptions& options, const Grid& fixed, const std::optional<Image>& moving);
-/// Whether the transform taken as a map moving -> fixed fits much better, by landmarks and by the images.
+/// Whether the transform taken as a map moving -> fixed fits much better, by landmarks and by the images. Of large images
+/// every second, third, ... voxel along each axis is compared.
 void check_direction(const EvaluateOptions& options, const Image& fixed, const std::optional<Image>& moving, const Mask& mask, const Maps& maps, const Landmarks& landmarks, Json& report);
 
 /// Empty without landmarks. Input error when none can be used.

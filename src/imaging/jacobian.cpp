@@ -133,7 +133,7 @@ JacobianStatistics jacobian_statistics(const VectorImage& displacement, const Ma
 
 Image volume_ratio(const VectorImage& displacement, const Mask& where) {
   require(same_grid(displacement.grid, where.grid), "the displacement and the mask lie on different grids; compute both on the same grid");
-  const DeterminantAtVoxel determinant_at(displacement, where);
+  const DeterminantAtVoxel determinant_at(displacement, &where);
   Image ratio(where.grid, std::numeric_limits<float>::quiet_NaN());
   for_each_voxel(where.grid, [&](int i, int j, int k, std::size_t voxel) {
     double value;
