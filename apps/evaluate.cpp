@@ -7,21 +7,19 @@
 #include "image_io/image_io.hpp"
 #include "imaging/same_grid.hpp"
 #include "io/output.hpp"
-#include "report.hpp"
+#include "stages.hpp"
 
 namespace mtled {
 namespace {
 
-constexpr double report_margin_mm = 20;  ///< around what is compared
-
 std::size_t axes_of_one_voxel(const Grid& grid) { return std::size_t(std::count(grid.size.begin(), grid.size.end(), 1)); }
 
-LabelMaps read_label_maps(const EvaluateOptions& options, const Grid& fixed, const Maps& maps, const VectorImage& identity) {
+LabelMaps read_label_maps(const EvaluateOptions& options, const Grid& fixed, const Maps& maps) {
   LabelMaps labels;
   std::optional<LabelImage> moving;
   if (!options.fixed_labels.empty()) labels.fixed = labels_on(fixed, options.fixed_labels, "fixed labels");
   if (!options.moving_labels.empty()) moving = read_labels(options.moving_labels, "moving labels");
-  if (moving) labels.before = warp_labels(*moving, identity);
+  if (moving) labels.before = labels_at(*moving, fixed);
   if (!options.warped_labels.empty()) labels.after = labels_on(fixed, options.warped_labels, "warped labels");
   else if (moving && maps.field) labels.after = warp_labels(*moving, maps.field->displacement);
   return labels;
@@ -69,38 +67,6 @@ void print_report(const Json& report) {
   }
 }
 
-/// What the report shows of images and field.
-ReportView view_of(const Image& fixed, const std::optional<Image>& moving, const std::optional<Image>& warped, const Maps& maps, const Mask& where) {
-  ReportView view;
-  view.add_space("fixed", view_grid(fixed.grid, report_voxels, &where, report_margin_mm));
-  const GreyScale scale = grey_scale_of(fixed);
-  view.add_image("fixed", "Fixed image", "fixed", fixed, scale);
-  if (moving) view.add_image("before", "Moving image, as it was", "fixed", *moving, scale);
-  if (warped) view.add_image("after", "Moving image, registered", "fixed", *warped, scale);
-  if (maps.field) add_field(view, maps.field->displacement, intersection(where, maps.field->covered));
-  return view;
-}
-
-Json report_facts(const EvaluateOptions& options, const Image& fixed, const std::optional<Image>& moving, const Json& evaluation) {
-  Json facts = facts_of_evaluation(evaluation);
-  facts["inputs"] = Json::array();
-  const auto list = [&](const char* role, const std::filesystem::path& path, const Grid* grid = nullptr) {
-    if (!path.empty()) list_input(facts["inputs"], role, path.string(), grid);
-  };
-  list("fixed", options.fixed, &fixed.grid);
-  list("moving", options.moving, moving ? &moving->grid : nullptr);
-  list("warped", options.warped, &fixed.grid);
-  list("transform", options.transform);
-  list("inverse-transform", options.inverse_transform);
-  list("mask", options.mask);
-  list("fixed-labels", options.fixed_labels);
-  list("moving-labels", options.moving_labels);
-  list("warped-labels", options.warped_labels);
-  for (const auto* file : {&options.reference_transform, &options.reference_inverse_transform, &options.reference_points}) list("reference", *file);
-  for (const auto* file : {&options.evaluation.landmarks, &options.fixed_landmarks, &options.moving_landmarks}) list("landmarks", *file);
-  return facts;
-}
-
 void check_usage(const CLI::App& verb, const EvaluateOptions& options) {
   for (const char* name : {"--fixed", "--output"}) require_option(verb, name);
   const bool has_transform = !options.transform.empty() || !options.inverse_transform.empty() || !options.result.empty();
@@ -117,6 +83,7 @@ void run(CLI::App& verb, EvaluateOptions& options) {
   apply_config(verb, options);
   check_usage(verb, options);
   const auto limit = start(options);
+  Stages times;
   const Image fixed = read_image(options.fixed, "fixed image");
   std::optional<Image> moving, warped;
   if (!options.moving.empty()) moving = read_image(options.moving, "moving image");
@@ -127,10 +94,12 @@ void run(CLI::App& verb, EvaluateOptions& options) {
     require(same_grid(fixed.grid, warped->grid), "warped image '", options.warped.string(), "' is on another grid than the fixed image; resample it to the fixed image, or give the moving image and the transform instead");
   }
   const Mask mask = options.mask.empty() ? Mask(fixed.grid, 1) : mask_on(fixed.grid, options.mask, "mask");
+  times.lap("images");
   announce(options, "reading transforms");
   const Maps maps = read_maps(options, fixed.grid, moving);
   const Landmarks landmarks = read_landmarks(options, fixed.grid, moving, maps);
   const OutputDirectory output(options.output, options.force);
+  times.lap("transforms");
   announce(options, "evaluating");
   const CannyOptions& canny = options.evaluation.canny;
   Json report;
@@ -138,42 +107,45 @@ void run(CLI::App& verb, EvaluateOptions& options) {
   report["warnings"] = Json::array();
 
   Mask where = mask;
-  VectorImage identity(fixed.grid);
   std::optional<Image> before;
   if (maps.field) {
-    where = intersection(where, maps.field->covered);
+    where = intersection(std::move(where), maps.field->covered);
     if (count(where) < count(mask)) note(report, concatenate("the transform is known at ", 100.0 * double(count(where)) / double(count(mask)), " % of the voxels only; the others are left out of edges and Jacobian"));
   }
   if (moving) {
+    Mask inside;
     if (maps.field && !warped) {
-      VectorImage field = maps.field->displacement;
-      where = intersection(where, keep_inside(field, moving->grid));
-      warped = warp_image(*moving, field, Interpolation::linear, 0);
+      warped = warp_continued(*moving, fixed.grid, &maps.field->displacement, inside);
+      where = intersection(std::move(where), inside);
     }
-    VectorImage there = identity;
-    const Mask reached = keep_inside(there, moving->grid);
-    before = warp_image(*moving, there, Interpolation::linear, 0);
-    if (!maps.field) where = intersection(where, reached);
+    before = warp_continued(*moving, fixed.grid, nullptr, inside);
+    if (!maps.field) where = intersection(std::move(where), inside);
   }
   require(count(where) > 0, maps.field ? "the transform leads no voxel of the fixed image (within the mask) into the moving image; check that it belongs to these images and maps points of the fixed to the moving image"
                                        : "the moving image does not overlap the fixed image (within the mask) in space; give the transform between them");
+  times.lap("warping");
   std::vector<NamedImage> candidates;
   if (before) candidates.push_back({"before", &*before});
   if (warped) candidates.push_back({"after", &*warped});
   for (const NamedImage& c : candidates) report["correlation"][c.name] = correlation(fixed, *c.image, where);
+  times.lap("correlation");
   std::optional<ReportView> view;
-  if (options.report) view = view_of(fixed, moving, warped, maps, where);
+  if (options.report) view = view_of(fixed, moving, warped, maps, where), times.lap("report");
   if (!candidates.empty())
     report["edges"] = compare_edges_of(fixed, candidates, canny, where, moving ? &moving->grid : nullptr, options.slices ? EdgeSpace::slices : EdgeSpace::volume,
                                        [&](const std::string& name, const Mask& edges) { if (view) view->add_edges(name, edges); });
-  const LabelMaps labels = read_label_maps(options, fixed.grid, maps, identity);
+  const LabelMaps labels = read_label_maps(options, fixed.grid, maps);
   report_labels(labels, maps, report);
   report_contours(parse_contours(options.contours), fixed, candidates, labels, where, report);
+  before.reset(), warped.reset(), candidates.clear();
+  times.lap("edges and labels");
   report_landmarks(landmarks, maps, report);
   if (maps.field) report_field(mask, maps, report);
+  times.lap("field");
   check_direction(options, fixed, moving, mask, maps, landmarks, report);
   const auto reference = compare_with_reference(options, fixed, moving, maps, options.mask.empty() ? std::nullopt : std::optional(mask));
   if (reference) report_reference(*reference, report);
+  times.lap("direction and reference");
 
   if (report.contains("edges")) write_text(output / "edges.csv", edge_table(report["edges"]));
   if (report.contains("labels")) write_text(output / "labels.csv", label_table(report["labels"]));
@@ -183,8 +155,10 @@ void run(CLI::App& verb, EvaluateOptions& options) {
     write_text(output / "field_difference.csv", reference_table(reference->difference));
     write_png(output / "field_difference.png", reference->picture);
   }
+  times.lap("writing");
+  report["stages"] = times.report();
   write_text(output / "evaluation.json", report.dump(1) + "\n");
-  if (view) write_report(output / "report.html", report_facts(options, fixed, moving, report), *view);
+  if (view) write_report(output / "report.html", report_facts(options, fixed, moving, reference, report), *view);
   print_report(report);
 }
 

@@ -1,9 +1,11 @@
 #pragma once
+#include <memory>
 #include <optional>
 
 #include "evaluation_report.hpp"
 #include "imaging/figures.hpp"
 #include "pipeline.hpp"
+#include "report.hpp"
 
 namespace mtled {
 
@@ -18,8 +20,8 @@ struct EvaluateOptions : CommonOptions {
 /// The map fixed -> moving and, if it is known, moving -> fixed.
 struct Maps {
   DisplacementFunction there, back;
-  std::optional<DenseField> field;  ///< `there` on the fixed grid
-  bool computed_inverse = false;    ///< `there` was computed from `back`
+  std::shared_ptr<const DenseField> field;  ///< `there` on the fixed grid
+  bool computed_inverse = false;            ///< `there` was computed from `back`
 };
 
 /// Corresponding points inside both images, and those left out.
@@ -30,7 +32,8 @@ struct Landmarks {
 
 /// Throws an input error for files that are no transforms.
 Maps read_maps(EvaluateOptions& options, const Grid& fixed, const std::optional<Image>& moving);
-/// Whether the transform taken as a map moving -> fixed fits much better, by landmarks and by the images.
+/// Whether the transform taken as a map moving -> fixed fits much better, by landmarks and by the images. Of large images
+/// every second, third, ... voxel along each axis is compared.
 void check_direction(const EvaluateOptions& options, const Image& fixed, const std::optional<Image>& moving, const Mask& mask, const Maps& maps, const Landmarks& landmarks, Json& report);
 
 /// Empty without landmarks. Input error when none can be used.
@@ -72,6 +75,11 @@ void check_contours(const CLI::App& verb, const EvaluateOptions& options, bool h
 void report_contours(const std::vector<NamedContour>& contours, const Image& fixed, const std::vector<NamedImage>& candidates, const LabelMaps& labels, const Mask& where, Json& report);
 void print_contours(const Json& contours);
 std::string contour_table(const Json& contours);
+
+/// What the report shows of images and field, around `where`.
+ReportView view_of(const Image& fixed, const std::optional<Image>& moving, const std::optional<Image>& warped, const Maps& maps, const Mask& where);
+/// The facts of the report: evaluation.json, the files that were read, and the figure of the reference.
+Json report_facts(const EvaluateOptions& options, const Image& fixed, const std::optional<Image>& moving, const std::optional<ReferenceComparison>& reference, const Json& evaluation);
 
 /// Prints a warning and keeps it in the report.
 void note(Json& report, const std::string& text);

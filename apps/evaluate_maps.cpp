@@ -1,14 +1,59 @@
 #include <algorithm>
+#include <cmath>
+#include <utility>
 
 #include "core/error.hpp"
 #include "evaluate.hpp"
 #include "image_io/image_io.hpp"
+#include "imaging/same_grid.hpp"
 
 namespace mtled {
 namespace {
 
 constexpr double much_better = 0.5;      ///< the inverse is suspected when it leaves less than this part of the misfit
 constexpr double enough_overlap = 0.05;  ///< of the voxels, for a comparison of the two directions
+constexpr double enough_voxels = 3e5;    ///< for that comparison: correlations are then certain to some 0.002
+
+DisplacementFunction value_in(std::shared_ptr<const DenseField> field) {
+  return [field](const Vec3d& y, Vec3d& v) { return linear_value(field->displacement, y, v); };
+}
+
+/// Every n-th voxel along each axis.
+Grid thinned(Grid grid, int n) {
+  for (int a = 0; a < 3; ++a) {
+    grid.size[std::size_t(a)] = (grid.size[std::size_t(a)] + n - 1) / n;
+    grid.spacing[a] *= n;
+  }
+  return grid;
+}
+int thinning(const Grid& grid) { return int(std::ceil(std::cbrt(std::max(1.0, double(grid.count()) / enough_voxels)))); }
+
+template <class T>
+Volume<T> thinned(const Volume<T>& volume, int n) {
+  Volume<T> few(thinned(volume.grid, n));
+  for (int k = 0; k < few.grid.size[2]; ++k)
+    for (int j = 0; j < few.grid.size[1]; ++j)
+      for (int i = 0; i < few.grid.size[0]; ++i) few.at(i, j, k) = volume.at(n * i, n * j, n * k);
+  return few;
+}
+
+/// The part of check_direction() that compares images; true when the inverse fits much better.
+bool inverse_fits_images(const Image& all_fixed, const Image& moving, const Mask& all_of_mask, const Maps& maps, Json& j) {
+  const int n = thinning(all_fixed.grid);
+  const Image fixed = thinned(all_fixed, n);
+  const Mask mask = thinned(all_of_mask, n);
+  const DenseField other = inverted(maps.there, thinned(moving.grid, thinning(moving.grid)), fixed.grid);
+  const VectorImage given = thinned(maps.field->displacement, n);
+  Mask common = intersection(intersection(mask, thinned(maps.field->covered, n)), other.covered), inside;
+  const Image as_given = warp_continued(moving, fixed.grid, &given, inside);
+  common = intersection(std::move(common), inside);
+  const Image reversed = warp_continued(moving, fixed.grid, &other.displacement, inside);
+  common = intersection(std::move(common), inside);
+  if (double(count(common)) < enough_overlap * double(count(mask))) return false;
+  const double r = correlation(fixed, as_given, common), r_other = correlation(fixed, reversed, common);
+  j["correlation_as_given"] = r, j["correlation_reversed"] = r_other, j["voxels"] = count(common);
+  return 1 - r_other * r_other < much_better * (1 - r * r);
+}
 
 }  // namespace
 
@@ -32,12 +77,15 @@ Maps read_maps(EvaluateOptions& options, const Grid& fixed, const std::optional<
   Maps maps;
   if (!options.transform.empty()) maps.there = read_transform(options.transform, "transform");
   if (!options.inverse_transform.empty()) maps.back = read_transform(options.inverse_transform, "inverse transform");
-  if (maps.there) {
-    maps.field = sample_displacement(maps.there, fixed);
+  if (DenseDisplacement* dense = maps.there.target<DenseDisplacement>(); dense && same_grid(dense->field->grid, fixed)) {
+    maps.field = std::make_shared<DenseField>(std::move(*dense->field), Mask(fixed, 1));
+    maps.there = value_in(maps.field);
+  } else if (maps.there) {
+    maps.field = std::make_shared<DenseField>(sample_displacement(maps.there, fixed));
   } else if (maps.back) {
     maps.computed_inverse = true;
-    maps.field = with_context("inverse transform '" + options.inverse_transform.string() + "'", [&] { return inverted(maps.back, moving ? moving->grid : fixed, fixed); });
-    maps.there = [field = std::make_shared<VectorImage>(maps.field->displacement)](const Vec3d& y, Vec3d& v) { return linear_value(*field, y, v); };
+    maps.field = std::make_shared<DenseField>(with_context("inverse transform '" + options.inverse_transform.string() + "'", [&] { return inverted(maps.back, moving ? moving->grid : fixed, fixed); }));
+    maps.there = value_in(maps.field);
   }
   return maps;
 }
@@ -60,15 +108,7 @@ void check_direction(const EvaluateOptions& options, const Image& fixed, const s
   }
   if (moving) {
     try {
-      DenseField as_given = *maps.field, other = inverted(maps.there, moving->grid, fixed.grid);
-      Mask common = intersection(intersection(mask, as_given.covered), other.covered);
-      for (DenseField* field : {&as_given, &other}) common = intersection(common, keep_inside(field->displacement, moving->grid));
-      if (double(count(common)) >= enough_overlap * double(count(mask))) {
-        const auto correlation_by = [&](const DenseField& field) { return correlation(fixed, warp_image(*moving, field.displacement, Interpolation::linear, 0), common); };
-        const double r = correlation_by(as_given), r_other = correlation_by(other);
-        j["correlation_as_given"] = r, j["correlation_reversed"] = r_other, j["voxels"] = count(common);
-        reversed = reversed || 1 - r_other * r_other < much_better * (1 - r * r);
-      }
+      reversed = inverse_fits_images(fixed, *moving, mask, maps, j) || reversed;
     } catch (const Error&) {  // what has no inverse here is not the inverse
     }
   }

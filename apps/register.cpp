@@ -1,7 +1,4 @@
 #include <algorithm>
-#include <sys/resource.h>
-
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <optional>
@@ -19,6 +16,7 @@
 #include "pipeline.hpp"
 #include "report.hpp"
 #include "report/node_cloud.hpp"
+#include "stages.hpp"
 
 namespace mtled {
 namespace {
@@ -39,23 +37,6 @@ struct RegisterOptions : CommonOptions {
 constexpr double inverse_tolerance_mm = 0.01;
 constexpr double report_margin_mm = 20;      ///< around the body: what the report shows
 constexpr double evaluation_margin_mm = 10;  ///< around the body: the skin's edges and where a bad candidate puts them
-
-/// Books wall time and peak memory so far per stage.
-class Stages {
- public:
-  void lap(const std::string& stage) {
-    const auto now = std::chrono::steady_clock::now();
-    rusage usage;
-    getrusage(RUSAGE_SELF, &usage);
-    report_[stage] = {{"seconds", std::chrono::duration<double>(now - last_).count()}, {"peak_memory_MB", double(usage.ru_maxrss) / 1024}};
-    last_ = now;
-  }
-  const Json& report() const { return report_; }
-
- private:
-  Json report_ = Json::object();
-  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
-};
 
 /// Name and checksum of every file that was read.
 Json inputs_of(const RegisterOptions& o) {

@@ -134,6 +134,19 @@ TEST_F(Evaluate, TheInverseIsRecognisedAndCanBeGivenAsSuch) {
   EXPECT_LT(inverted["landmarks"]["after"]["max_mm"], 0.1);  // the tolerance of the inversion
 }
 
+TEST_F(Evaluate, TheInverseIsRecognisedInSomeOfTheVoxelsOfALargeImage) {
+  grid.size = {100, 80, 68}, grid.spacing = {1, 1, 1};
+  write_image(file("moving.nrrd"), picture({0, 0, 0}));
+  write_image(file("fixed.nrrd"), picture(shift));
+  for (const bool reversed : {false, true}) {
+    const Json direction = report(with_moving({"-t", file(reversed ? "wrong.tfm" : "right.tfm")}))["direction"];
+    EXPECT_EQ(direction["reversed_fits_better"], reversed);
+    EXPECT_GT(direction[reversed ? "correlation_reversed" : "correlation_as_given"], 0.999);
+    EXPECT_GT(direction["voxels"], 50000);
+    EXPECT_LE(direction["voxels"], 50 * 40 * 34) << "every second along each axis";
+  }
+}
+
 TEST_F(Evaluate, FormatsOfTheSameFieldAgree) {
   VectorImage field(grid);
   for (Vec3f& v : field.data) v = {float(shift.x), float(shift.y), float(shift.z)};
@@ -395,8 +408,13 @@ TEST_F(Evaluate, HasTheSameBitsForAnyNumberOfThreads) {
   const auto bytes = [&](const char* threads) {
     Strings arguments = everything("-t", file("wrong.tfm"));
     arguments.insert(arguments.end(), {"--threads", threads});
-    report(arguments);
-    return program::content(file("out/evaluation.json"));
+    Json r = report(arguments);
+    for (const auto& [name, stage] : r["stages"].items()) {
+      EXPECT_GE(stage["seconds"], 0) << name;
+      EXPECT_GT(stage["peak_memory_MB"], 1) << name;
+    }
+    EXPECT_EQ(r.erase("stages"), 1u);
+    return r.dump();
   };
   EXPECT_EQ(bytes("1"), bytes("2"));
 }

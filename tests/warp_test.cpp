@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "core/error.hpp"
@@ -266,6 +267,36 @@ TEST(Warp, PositionsOutsideGetTheOutsideValue) {
   }
 }
 
+TEST(Warp, ContinuedBeyondTheBorder) {
+  constexpr double rounding = 1e-4;  // of intensities of some hundred in single precision
+  Grid grid = make_grid({6, 5, 4}, {1.5, 1, 2}, oblique()), finer = make_grid({13, 9, 7}, {1, 1.1, 1.7});
+  const Image image = image_of(grid, ramp);
+  VectorImage field(finer);
+  for (std::size_t v = 0; v < field.data.size(); ++v) field.data[v] = {2.5f * float(v % 3), -1.5f, 0.3f * float(v % 5)};
+  for (const VectorImage* by : {static_cast<const VectorImage*>(nullptr), static_cast<const VectorImage*>(&field)}) {
+    Mask inside;
+    const Image warped = warp_continued(image, finer, by, inside);
+    std::size_t outside = 0;
+    for (int k = 0; k < finer.size[2]; ++k)
+      for (int j = 0; j < finer.size[1]; ++j)
+        for (int i = 0; i < finer.size[0]; ++i) {
+          const Vec3f v = by ? by->at(i, j, k) : Vec3f{};
+          const Vec3d index = grid.index(finer.point(i, j, k) + Vec3d{v.x, v.y, v.z});
+          Vec3d border;
+          bool in = true;
+          for (int a = 0; a < 3; ++a) {
+            in = in && index[a] >= -0.5 && index[a] <= grid.size[std::size_t(a)] - 0.5;
+            border[a] = std::clamp(index[a], 0.0, double(grid.size[std::size_t(a)] - 1));
+          }
+          ASSERT_EQ(inside.at(i, j, k), in);
+          ASSERT_NEAR(warped.at(i, j, k), ramp(grid.point(border)), rounding);
+          outside += !in;
+        }
+    EXPECT_GT(outside, 0u);
+    EXPECT_LT(outside, finer.count());
+  }
+}
+
 TEST(Warp, LabelsComeFromTheNearestVoxel) {
   LabelImage labels(make_grid({10, 3, 3}, {2, 2, 2}));
   labels.at(4, 1, 1) = 300;
@@ -273,6 +304,9 @@ TEST(Warp, LabelsComeFromTheNearestVoxel) {
   EXPECT_EQ(warped.at(3, 1, 1), 300);
   EXPECT_EQ(warped.at(4, 1, 1), 0);
   EXPECT_EQ(warped.at(9, 1, 1), 0);
+  Grid shifted = labels.grid;
+  shifted.origin.x += 2.9;
+  EXPECT_EQ(labels_at(labels, shifted).data, warped.data);
 }
 
 TEST(WarpPoints, UsesTheMechanicsThenTheDenseFieldThenNaN) {

@@ -68,20 +68,26 @@ MTLED_HD inline bool between_voxels(double index, int n, BetweenVoxels& b) {
 MTLED_HD inline void add_to(double& sum, double weight, float value) { sum += weight * value; }
 MTLED_HD inline void add_to(Vec3d& sum, double weight, const Vec3f& value) { sum += weight * Vec3d{value.x, value.y, value.z}; }
 
-/// Trilinear value at a point [mm], see linear_value(). R is double for scalars, Vec3d for vectors.
+/// Trilinear value at a continuous index, see linear_value(). R is double for scalars, Vec3d for vectors.
 template <class T, class R>
-MTLED_HD bool interpolate_linearly(const VolumeView<T>& volume, const Vec3d& point, R& value) {
-  const Vec3d c = volume.grid.index(point);
+MTLED_HD bool interpolate_at_index(const VolumeView<T>& volume, const Vec3d& c, R& value) {
   BetweenVoxels b[3];
   for (int a = 0; a < 3; ++a)
     if (!between_voxels(c[a], volume.grid.size[a], b[a])) return false;
+  const double x[2] = {1 - b[0].t, b[0].t}, y[2] = {1 - b[1].t, b[1].t}, z[2] = {1 - b[2].t, b[2].t};
   value = R{};
-  for (int corner = 0; corner < 8; ++corner) {
-    const bool i = corner & 1, j = corner & 2, k = corner & 4;
-    const double weight = (i ? b[0].t : 1 - b[0].t) * (j ? b[1].t : 1 - b[1].t) * (k ? b[2].t : 1 - b[2].t);
-    add_to(value, weight, volume.at(i ? b[0].high : b[0].low, j ? b[1].high : b[1].low, k ? b[2].high : b[2].low));
-  }
+  for (int k = 0; k < 2; ++k)
+    for (int j = 0; j < 2; ++j) {
+      const T* row = &volume.at(0, j ? b[1].high : b[1].low, k ? b[2].high : b[2].low);
+      add_to(value, x[0] * y[j] * z[k], row[b[0].low]);
+      add_to(value, x[1] * y[j] * z[k], row[b[0].high]);
+    }
   return true;
+}
+/// The same at a point [mm].
+template <class T, class R>
+MTLED_HD bool interpolate_linearly(const VolumeView<T>& volume, const Vec3d& point, R& value) {
+  return interpolate_at_index(volume, volume.grid.index(point), value);
 }
 
 /// Value of the voxel that holds a point [mm]; false where the volume does not reach.

@@ -1,5 +1,6 @@
 #pragma once
 #include <filesystem>
+#include <functional>
 
 namespace mtled {
 
@@ -8,7 +9,8 @@ namespace mtled {
 
 /// NIfTI (.nii, .nii.gz): not NIfTI-1, cut off or damaged, NaN or infinite voxels, units other than mm, intent 1006, or a .nii beside the
 /// .nii.gz (which ITK's reader would take the voxels from).
-void check_nifti(const std::filesystem::path& file);
+/// Looks at the header; the returned function looks at the voxels, which takes as long as reading them.
+std::function<void()> check_nifti(const std::filesystem::path& file);
 /// The same for a file just written, whatever its voxels hold.
 void check_written_nifti(const std::filesystem::path& file);
 /// MetaImage (.mha, .mhd): cut off or damaged, data file missing, data spread over several files.

@@ -25,7 +25,7 @@ VectorImage read_vector_image(const std::filesystem::path& path, const std::stri
 /// A transform of points y -> y + v(y), LPS mm, as the function v: a displacement field as above, defined within its
 /// grid, or what ITK writes to .h5, .hdf5, .tfm, .txt or .mat (ANTs' affine), defined everywhere, composites
 /// included. One that is a displacement field itself is defined within its grid; in a composite, ITK goes on with 0
-/// beyond. Input errors (file, reason, remedy) also: not one transform, not 3-D.
+/// beyond. A field is given as DenseDisplacement. Input errors (file, reason, remedy) also: not one transform, not 3-D.
 DisplacementFunction read_transform(const std::filesystem::path& path, const std::string& describe);
 
 /// Written to a temporary name beside `path` and renamed; compressed where the format can: .nii, .nii.gz, .nrrd, .mha

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cstring>
+#include <functional>
 #include <memory>
 
 #include "core/error.hpp"
@@ -65,36 +66,57 @@ class NiftiHeader {
 class NonFiniteVoxels {
  public:
   NonFiniteVoxels(const NiftiHeader& header, std::uint64_t offset, std::uint64_t bytes)
-      : size_(header.float_bytes()), little_endian_(header.little_endian()), skip_(offset), left_(bytes) {}
+      : size_(std::size_t(header.float_bytes())), little_endian_(header.little_endian()), skip_(offset), left_(bytes) {}
   void operator()(const unsigned char* bytes, std::size_t count) {
     const std::size_t skipped = std::size_t(std::min<std::uint64_t>(skip_, count));
     skip_ -= skipped;
     const std::size_t end = std::size_t(std::min<std::uint64_t>(count, skipped + left_));
     left_ -= end - skipped;
-    for (std::size_t i = skipped; i < end; ++i) {
-      value_[filled_++] = bytes[i];
+    std::size_t i = skipped;
+    while (i < end) {
+      if (filled_ == 0)
+        for (; i + size_ <= end; i += size_) look_at(bytes + i);
+      if (i == end) return;
+      value_[filled_++] = bytes[i++];
       if (filled_ < size_) continue;
       filled_ = 0;
-      const unsigned high = value_[little_endian_ ? size_ - 1 : 0], next = value_[little_endian_ ? size_ - 2 : 1];
-      const unsigned exponent_in_next = size_ == 4 ? 0x80 : 0xF0;
-      if ((high & 0x7F) == 0x7F && (next & exponent_in_next) == exponent_in_next && count_++ == 0) first_ = voxel_;
-      ++voxel_;
+      look_at(value_);
     }
   }
   std::uint64_t count() const { return count_; }
   std::uint64_t first() const { return first_; }
 
  private:
-  int size_;
+  void look_at(const unsigned char* value) {
+    const unsigned high = value[little_endian_ ? size_ - 1 : 0], next = value[little_endian_ ? size_ - 2 : 1];
+    const unsigned exponent_in_next = size_ == 4 ? 0x80 : 0xF0;
+    if ((high & 0x7F) == 0x7F && (next & exponent_in_next) == exponent_in_next && count_++ == 0) first_ = voxel_;
+    ++voxel_;
+  }
+
+  std::size_t size_;
   bool little_endian_;
   std::uint64_t skip_, left_, voxel_ = 0, count_ = 0, first_ = 0;
   unsigned char value_[8]{};
-  int filled_ = 0;
+  std::size_t filled_ = 0;
 };
 
-void check(const std::filesystem::path& file, bool voxels_too) {
+/// Of what the header says: `needed` bytes of voxels from byte `offset`.
+void check_voxels(const std::filesystem::path& file, const NiftiHeader& header, std::uint64_t offset, std::uint64_t needed, bool values_too) {
   const bool packed = has_extension(file, ".gz");
-  if (packed) {
+  NonFiniteVoxels bad(header, offset, needed);
+  const bool may_be_bad = values_too && header.float_bytes() > 0;
+  const ByteVisitor visit = may_be_bad ? ByteVisitor(std::ref(bad)) : ByteVisitor();
+  if (may_be_bad && !packed) visit_stored_bytes(file, visit);
+  const std::uint64_t all = packed ? inflated_bytes(file, 0, visit) : stored_bytes(file, 0);
+  require_complete(all - std::min(all, offset), needed);
+  if (const std::uint64_t row = std::uint64_t(std::max(header.dimension(1), 1)), slice = row * std::uint64_t(std::max(header.dimension(2), 1)); bad.count() > 0)
+    fail(Failure::input, bad.count(), bad.count() == 1 ? " voxel is" : " voxels are", " NaN or infinite, the first one at index (", bad.first() % row, ", ",
+         bad.first() % slice / row, ", ", bad.first() / slice, "); replace such values first");
+}
+
+std::function<void()> check(const std::filesystem::path& file, bool values_too) {
+  if (has_extension(file, ".gz")) {
     const std::filesystem::path beside = file.parent_path() / file.stem();
     require(!std::filesystem::exists(beside), beside,
             " lies beside it, and the ITK library would mix the two; move or rename one of them");
@@ -103,26 +125,18 @@ void check(const std::filesystem::path& file, bool voxels_too) {
   std::uint64_t needed = std::uint64_t(header.bits_per_voxel()) / 8;
   require(header.dimension(0) >= 1 && header.dimension(0) <= 7, "its header is damaged; copy or download it again");
   for (int i = 1; i <= header.dimension(0); ++i) needed *= std::uint64_t(std::max(header.dimension(i), 1));
-  const auto offset = std::uint64_t(std::max(header.voxel_offset(), double(header_size)));
-  NonFiniteVoxels bad(header, offset, needed);
-  const bool may_be_bad = voxels_too && header.float_bytes() > 0;
-  const ByteVisitor visit = may_be_bad ? ByteVisitor(std::ref(bad)) : ByteVisitor();
-  if (may_be_bad && !packed) visit_stored_bytes(file, visit);
-  const std::uint64_t all = packed ? inflated_bytes(file, 0, visit) : stored_bytes(file, 0);
-  require_complete(all - std::min(all, offset), needed);
-  if (const std::uint64_t row = std::uint64_t(std::max(header.dimension(1), 1)), slice = row * std::uint64_t(std::max(header.dimension(2), 1)); bad.count() > 0)
-    fail(Failure::input, bad.count(), bad.count() == 1 ? " voxel is" : " voxels are", " NaN or infinite, the first one at index (", bad.first() % row, ", ",
-         bad.first() % slice / row, ", ", bad.first() / slice, "); replace such values first");
   require(header.intent() != displacement_intent,
           "it is a NIfTI displacement field (intent 1006), which the ITK library misreads; convert it to NRRD");
   require(header.spatial_unit() == unit_mm || header.spatial_unit() == unit_unknown,
           "its lengths are not in mm; convert it to mm");
+  const auto offset = std::uint64_t(std::max(header.voxel_offset(), double(header_size)));
+  return [=] { check_voxels(file, header, offset, needed, values_too); };
 }
 
 }  // namespace
 
-void check_nifti(const std::filesystem::path& file) { check(file, true); }
+std::function<void()> check_nifti(const std::filesystem::path& file) { return check(file, true); }
 
-void check_written_nifti(const std::filesystem::path& file) { check(file, false); }
+void check_written_nifti(const std::filesystem::path& file) { check(file, false)(); }
 
 }  // namespace mtled

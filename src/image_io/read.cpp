@@ -1,5 +1,9 @@
+#include <tbb/parallel_invoke.h>
+
 #include <cstdint>
+#include <exception>
 #include <fstream>
+#include <functional>
 
 #include "core/error.hpp"
 #include "image_io/dicom.hpp"
@@ -24,8 +28,14 @@ auto reading(const fs::path& path, const std::string& describe, Work&& work) {
   });
 }
 
-/// ITK's reader after it has read the header, once the file is known to be sound.
-itk::ImageIOBase::Pointer open_image(const fs::path& path) {
+/// ITK's reader after it has read the header, and what is left to be checked of the voxels.
+struct OpenImage {
+  itk::ImageIOBase::Pointer io;
+  std::function<void()> check_voxels = [] {};
+};
+
+OpenImage open_image(const fs::path& path) {
+  OpenImage image;
   require(fs::exists(path), "there is no such file; check the name and the folder");
   require(!fs::is_directory(path), "it is a folder; give a file (only intensity images may be DICOM folders)");
   require(!has_extension(path, ".dcm"), "a single DICOM file is no 3-D image; give the folder that holds the series");
@@ -34,24 +44,41 @@ itk::ImageIOBase::Pointer open_image(const fs::path& path) {
           "its format is not supported; use .nii, .nii.gz, .nrrd, .nhdr, .mha, .mhd or a folder "
           "with a DICOM series");
   require(std::ifstream(path).good(), "it cannot be opened (", system_reason(), "); check its permissions");
-  if (format == Format::nifti) check_nifti(path);
+  if (format == Format::nifti) image.check_voxels = check_nifti(path);
   if (format == Format::meta) check_meta_image(path);
-  const itk::ImageIOBase::Pointer io = image_io_for(format);
+  const itk::ImageIOBase::Pointer& io = image.io = image_io_for(format);
   require(io->CanReadFile(path.c_str()),
           "it is damaged or of another format; check that its extension tells the format");
   io->SetFileName(path.string());
   io->ReadImageInformation();
-  return io;
+  return image;
+}
+
+/// Reads the voxels while they are checked: both unpack the file, which takes longest. What the check says comes first.
+template <class T>
+void read_checked(const OpenImage& image, T* values) {
+  std::exception_ptr unsound, unreadable;
+  const auto run = [](const auto& work, std::exception_ptr& error) {
+    try {
+      work();
+    } catch (...) {
+      error = std::current_exception();
+    }
+  };
+  tbb::parallel_invoke([&] { run(image.check_voxels, unsound); }, [&] { run([&] { read_values(*image.io, values); }, unreadable); });
+  for (const std::exception_ptr& error : {unsound, unreadable})
+    if (error) std::rethrow_exception(error);
 }
 
 template <class T>
 Volume<T> read_scalars(const fs::path& path) {
-  const itk::ImageIOBase::Pointer io = open_image(path);
+  const OpenImage opened = open_image(path);
+  const itk::ImageIOBase::Pointer& io = opened.io;
   require(io->GetNumberOfComponents() == 1 && io->GetPixelType() == itk::IOPixelEnum::SCALAR, "it has ",
           io->GetNumberOfComponents(), " values per voxel (", io->GetPixelTypeAsString(io->GetPixelType()),
           "); give an image with one number per voxel");
   Volume<T> volume(grid_of(*io));
-  read_values(*io, volume.data.data());
+  read_checked(opened, volume.data.data());
   return volume;
 }
 
@@ -78,11 +105,12 @@ Mask read_mask(const fs::path& path, const std::string& describe) {
 
 VectorImage read_vector_image(const fs::path& path, const std::string& describe) {
   return reading(path, describe, [&] {
-    const itk::ImageIOBase::Pointer io = open_image(path);
+    const OpenImage opened = open_image(path);
+    const itk::ImageIOBase::Pointer& io = opened.io;
     require(io->GetNumberOfComponents() == 3, "it has ", io->GetNumberOfComponents(),
             " value(s) per voxel; give a displacement field with three");
     VectorImage field(grid_of(*io));
-    read_values(*io, &field.data.data()->x);
+    read_checked(opened, &field.data.data()->x);
     require_finite(field.grid, field.data);
     return field;
   });

@@ -61,12 +61,8 @@ itk::TransformIOBaseTemplate<double>::Pointer io_for(const std::filesystem::path
   fail(Failure::input, "its format is not supported; use .h5, .tfm, .txt or .mat for a transform, .nrrd, .mha or .nii.gz for a displacement field");
 }
 
-DisplacementFunction within(std::shared_ptr<const VectorImage> field) {
-  return [field](const Vec3d& y, Vec3d& v) { return linear_value(*field, y, v); };
-}
-
 /// The field of ITK's transform in single precision, so that its border is known.
-std::shared_ptr<const VectorImage> field_of(const FieldTransform& transform) {
+std::shared_ptr<VectorImage> field_of(const FieldTransform& transform) {
   const FieldTransform::DisplacementFieldType& image = *transform.GetDisplacementField();
   auto field = std::make_shared<VectorImage>(grid_of(image));
   const auto* v = image.GetBufferPointer();
@@ -89,7 +85,7 @@ DisplacementFunction read_itk_transform(const std::filesystem::path& path) {
   require(transforms.size() == 1, "it holds ", transforms.size(), " transforms and does not say how they follow each other; write them as one composite transform");
   const Transform::ConstPointer transform = dynamic_cast<const Transform*>(transforms.front().GetPointer());
   require(transform.IsNotNull(), "it is no 3-D transform but ", transforms.front()->GetTransformTypeAsString(), "; give a transform of 3-D points");
-  if (const auto* field = dynamic_cast<const FieldTransform*>(transform.GetPointer())) return within(field_of(*field));
+  if (const auto* field = dynamic_cast<const FieldTransform*>(transform.GetPointer())) return DenseDisplacement{field_of(*field)};
   return [transform](const Vec3d& y, Vec3d& v) {
     Transform::InputPointType point;
     for (int a = 0; a < 3; ++a) point[unsigned(a)] = y[a];
@@ -102,7 +98,7 @@ DisplacementFunction read_itk_transform(const std::filesystem::path& path) {
 }  // namespace
 
 DisplacementFunction read_transform(const std::filesystem::path& path, const std::string& describe) {
-  if (format_of(path) != Format::unknown) return within(std::make_shared<VectorImage>(read_vector_image(path, describe)));
+  if (format_of(path) != Format::unknown) return DenseDisplacement{std::make_shared<VectorImage>(read_vector_image(path, describe))};
   return with_context(concatenate("reading ", describe, " '", path.string(), "'"),
                       [&] { return translating_errors(Failure::input, "check that it is a complete transform file", [&] { return read_itk_transform(path); }); });
 }

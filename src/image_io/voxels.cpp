@@ -4,8 +4,11 @@
 #include <limits>
 #include <memory>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "core/error.hpp"
+#include "core/parallel.hpp"
 
 namespace mtled {
 namespace {
@@ -70,24 +73,42 @@ void with_component_type(itk::IOComponentEnum type, Work&& work) {
   }
 }
 
+/// False for what is no value of the result's type.
 template <class Stored>
-void convert(const Stored& value, float& result) {
+bool convert(const Stored& value, float& result) {
   result = float(value);
+  return true;
 }
 
 template <class Stored>
-void convert(const Stored& value, std::uint16_t& result) {
+bool convert(const Stored& value, std::uint16_t& result) {
   const double number = double(value);
-  require(number >= 0 && number <= std::numeric_limits<std::uint16_t>::max() && number == std::floor(number),
-          "it holds ", number, ", which is no label; labels must be whole numbers from 0 to 65535");
+  if (!(number >= 0 && number <= std::numeric_limits<std::uint16_t>::max())) return false;
   result = std::uint16_t(number);
+  return double(result) == number;
+}
+
+/// The number of i in [0, count) for which is_bad(i), and the first of them.
+template <class IsBad>
+std::pair<std::size_t, std::size_t> bad_ones(std::size_t count, const IsBad& is_bad) {
+  constexpr std::size_t piece = 1 << 16;
+  std::vector<std::pair<std::size_t, std::size_t>> found((count + piece - 1) / piece);
+  parallel_pieces(count, piece, [&](std::size_t begin, std::size_t end) {
+    auto& [bad, first] = found[begin / piece];
+    for (std::size_t i = begin; i < end; ++i)
+      if (is_bad(i) && bad++ == 0) first = i;
+  });
+  std::pair<std::size_t, std::size_t> all{};
+  for (const auto& [bad, first] : found) {
+    if (all.first == 0) all.second = first;
+    all.first += bad;
+  }
+  return all;
 }
 
 template <class T, class IsBad>
 void require_good(const Grid& grid, const std::vector<T>& values, const IsBad& is_bad) {
-  std::size_t count = 0, first = 0;
-  for (std::size_t i = values.size(); i-- > 0;)
-    if (is_bad(values[i])) ++count, first = i;
+  const auto [count, first] = bad_ones(values.size(), [&](std::size_t i) { return is_bad(values[i]); });
   const std::size_t row = std::size_t(grid.size[0]), slice = row * std::size_t(grid.size[1]);
   require(count == 0, count, count == 1 ? " voxel is" : " voxels are", " NaN or infinite, the first one at index (",
           first % row, ", ", first % slice / row, ", ", slice ? first / slice : 0, "); replace such values first");
@@ -127,7 +148,8 @@ void read_values(itk::ImageIOBase& io, T* values) {
     const std::size_t count = std::size_t(io.GetImageSizeInComponents());
     const auto stored = std::make_unique_for_overwrite<Stored[]>(count);
     io.Read(stored.get());
-    for (std::size_t i = 0; i < count; ++i) convert(stored[i], values[i]);
+    const auto [bad, first] = bad_ones(count, [&](std::size_t i) { return !convert(stored[i], values[i]); });
+    if (bad > 0) fail(Failure::input, "it holds ", double(stored[first]), ", which is no label; labels must be whole numbers from 0 to 65535");
   });
 }
 template void read_values(itk::ImageIOBase& io, float* values);

@@ -1,10 +1,14 @@
+#include <tbb/parallel_sort.h>
+
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "core/error.hpp"
 #include "core/parallel.hpp"
 #include "imaging/evaluation.hpp"
 #include "imaging/nearest_point.hpp"
+#include "imaging/nearest_voxel.hpp"
 #include "imaging/percentile.hpp"
 #include "imaging/same_grid.hpp"
 
@@ -14,14 +18,21 @@ namespace {
 constexpr int reported_percents[] = {60, 75, 85, 95};
 constexpr double largest_counted_mm = 10;  ///< distances beyond it count as it in the modified Hausdorff distance
 
-/// Centres of the edge voxels [mm]: all in one group, or one group per slice.
-std::vector<std::vector<Vec3d>> edge_points(const Mask& edges, EdgeSpace space) {
-  std::vector<std::vector<Vec3d>> groups(space == EdgeSpace::slices ? std::size_t(edges.grid.size[2]) : 1);
-  for (int k = 0; k < edges.grid.size[2]; ++k)
-    for (int j = 0; j < edges.grid.size[1]; ++j)
-      for (int i = 0; i < edges.grid.size[0]; ++i)
-        if (edges.at(i, j, k)) groups[space == EdgeSpace::slices ? std::size_t(k) : 0].push_back(edges.grid.point(i, j, k));
-  return groups;
+/// Marked voxels, in the order of the image: all in one group, or one group per slice.
+std::vector<std::vector<Index>> edge_voxels(const Mask& edges, EdgeSpace space) {
+  std::vector<std::vector<Index>> groups(std::size_t(edges.grid.size[2]));
+  parallel_for(
+      groups.size(),
+      [&](std::size_t k) {
+        for (int j = 0; j < edges.grid.size[1]; ++j)
+          for (int i = 0; i < edges.grid.size[0]; ++i)
+            if (edges.at(i, j, int(k))) groups[k].push_back({i, j, int(k)});
+      },
+      1);
+  if (space == EdgeSpace::slices) return groups;
+  std::vector<std::vector<Index>> all(1);
+  for (const std::vector<Index>& group : groups) all[0].insert(all[0].end(), group.begin(), group.end());
+  return all;
 }
 
 /// Distances from every point of one set to the other set.
@@ -30,21 +41,66 @@ struct Directed {
   std::vector<double> consistent;  ///< [mm] those that pass the round trip
 };
 
-void add_distances(const std::vector<Vec3d>& from, const NearestPoint& nearest_from,
-                   const std::vector<Vec3d>& to, const NearestPoint& nearest_to, double round_trip_mm, Directed& result) {
+/// `nearest_from`, `nearest_to`: the nearest point of a set and its squared distance; `squared_distance` of two points of
+/// `from`.
+template <class Point, class NearestFrom, class NearestTo, class SquaredDistance>
+void add_distances(const std::vector<Point>& from, const NearestFrom& nearest_from, const NearestTo& nearest_to, const SquaredDistance& squared_distance, double round_trip_mm, Directed& result) {
   const std::size_t before = result.all.size();
   result.all.resize(before + from.size());
   std::vector<std::uint8_t> passes(from.size());
   parallel_for(from.size(), [&](std::size_t p) {
-    const auto there = nearest_to(from[p]);
-    const auto back = nearest_from(to[there.index]);
-    result.all[before + p] = std::sqrt(there.squared_distance);
+    const auto [there, squared_there] = nearest_to(from[p]);
+    const auto [back, squared_back] = nearest_from(there);
+    result.all[before + p] = std::sqrt(squared_there);
     // On a voxel grid the way back often has several equally near ends; p itself may be one that was not returned.
-    const bool tie = back.squared_distance >= there.squared_distance * (1 - 1e-9);
-    passes[p] = tie || squared_norm(from[back.index] - from[p]) <= round_trip_mm * round_trip_mm;
+    const bool tie = squared_back >= squared_there * (1 - 1e-9);
+    passes[p] = tie || squared_distance(back, from[p]) <= round_trip_mm * round_trip_mm;
   });
   for (std::size_t p = 0; p < from.size(); ++p)
     if (passes[p]) result.consistent.push_back(result.all[before + p]);
+}
+
+struct BothWays {
+  Directed ab, ba;
+};
+
+/// Voxels of one grid.
+BothWays distances_on_grid(const Mask& edges_a, const std::vector<std::vector<Index>>& a, const Mask& edges_b, const std::vector<std::vector<Index>>& b, double round_trip_mm, EdgeSpace space) {
+  const NearestVoxel nearest_a(edges_a), nearest_b(edges_b);
+  const auto find_in = [space](const NearestVoxel& set) {
+    return [&set, space](const Index& voxel) { return space == EdgeSpace::slices ? set.in_slice(voxel) : set.anywhere(voxel); };
+  };
+  const auto squared_distance = [&spacing = edges_a.grid.spacing](const Index& p, const Index& q) { return squared_norm(Vec3d{spacing.x * (p[0] - q[0]), spacing.y * (p[1] - q[1]), spacing.z * (p[2] - q[2])}); };
+  BothWays result;
+  for (std::size_t g = 0; g < a.size(); ++g) {
+    if (a[g].empty() || b[g].empty()) continue;
+    add_distances(a[g], find_in(nearest_a), find_in(nearest_b), squared_distance, round_trip_mm, result.ab);
+    add_distances(b[g], find_in(nearest_b), find_in(nearest_a), squared_distance, round_trip_mm, result.ba);
+  }
+  return result;
+}
+
+/// Voxel centres of two grids.
+BothWays distances_between_grids(const Grid& grid_a, const std::vector<Index>& a, const Grid& grid_b, const std::vector<Index>& b, double round_trip_mm) {
+  if (a.empty() || b.empty()) return {};
+  const auto centers = [](const Grid& grid, const std::vector<Index>& voxels) {
+    std::vector<Vec3d> points;
+    for (const auto& [i, j, k] : voxels) points.push_back(grid.point(i, j, k));
+    return points;
+  };
+  const std::vector<Vec3d> points_a = centers(grid_a, a), points_b = centers(grid_b, b);
+  const NearestPoint nearest_a(points_a), nearest_b(points_b);
+  const auto find_in = [](const NearestPoint& set, const std::vector<Vec3d>& points) {
+    return [&](const Vec3d& x) {
+      const auto found = set(x);
+      return std::pair(points[found.index], found.squared_distance);
+    };
+  };
+  const auto squared_distance = [](const Vec3d& p, const Vec3d& q) { return squared_norm(p - q); };
+  BothWays result;
+  add_distances(points_a, find_in(nearest_a, points_a), find_in(nearest_b, points_b), squared_distance, round_trip_mm, result.ab);
+  add_distances(points_b, find_in(nearest_b, points_b), find_in(nearest_a, points_a), squared_distance, round_trip_mm, result.ba);
+  return result;
 }
 
 double mean(const std::vector<double>& values) {
@@ -71,8 +127,8 @@ double largest_spacing(const Grid& grid, EdgeSpace space) {
 
 /// Percentiles 1 to 100, max of both directions.
 std::vector<double> percentile_curve(std::vector<double> a, std::vector<double> b) {
-  std::sort(a.begin(), a.end());
-  std::sort(b.begin(), b.end());
+  tbb::parallel_sort(a);
+  tbb::parallel_sort(b);
   std::vector<double> curve;
   for (int percent = 1; percent <= 100; ++percent) curve.push_back(std::max(percentile_of_sorted(a, percent), percentile_of_sorted(b, percent)));
   return curve;
@@ -83,22 +139,16 @@ std::vector<double> percentile_curve(std::vector<double> a, std::vector<double> 
 EdgeDistance compare_edges(const Mask& edges_a, const Mask& edges_b, double round_trip_mm, EdgeSpace space, double source_voxel_mm) {
   require(round_trip_mm >= 0, "round-trip distance is ", round_trip_mm, " mm; give zero or a positive distance");
   require(space == EdgeSpace::volume || same_grid(edges_a.grid, edges_b.grid), "edges of slices lie on different grids; resample one image to the other");
-  const auto a = edge_points(edges_a, space), b = edge_points(edges_b, space);
+  const auto a = edge_voxels(edges_a, space), b = edge_voxels(edges_b, space);
   EdgeDistance result;
   result.two_voxels_mm = 2 * std::max({largest_spacing(edges_a.grid, space), largest_spacing(edges_b.grid, space), source_voxel_mm});
-  Directed ab, ba;
   for (std::size_t g = 0; g < a.size(); ++g) {
     result.edges_a += a[g].size();
     result.edges_b += b[g].size();
-    if (a[g].empty() || b[g].empty()) {
-      result.unmatched_a += a[g].size();
-      result.unmatched_b += b[g].size();
-      continue;
-    }
-    const NearestPoint nearest_a(a[g]), nearest_b(b[g]);
-    add_distances(a[g], nearest_a, b[g], nearest_b, round_trip_mm, ab);
-    add_distances(b[g], nearest_b, a[g], nearest_a, round_trip_mm, ba);
+    if (b[g].empty()) result.unmatched_a += a[g].size();
+    if (a[g].empty()) result.unmatched_b += b[g].size();
   }
+  auto [ab, ba] = same_grid(edges_a.grid, edges_b.grid) ? distances_on_grid(edges_a, a, edges_b, b, round_trip_mm, space) : distances_between_grids(edges_a.grid, a[0], edges_b.grid, b[0], round_trip_mm);
   if (ab.all.empty()) return result;
   result.kept_a = double(ab.consistent.size()) / double(ab.all.size());
   result.kept_b = double(ba.consistent.size()) / double(ba.all.size());

@@ -1,61 +1,14 @@
-#include <itkRecursiveGaussianImageFilter.h>
-
 #include <algorithm>
 #include <cmath>
 
 #include "core/error.hpp"
 #include "imaging/evaluation.hpp"
-#include "imaging/itk_bridge.hpp"
+#include "imaging/gaussian_gradient.hpp"
 #include "imaging/same_grid.hpp"
 #include "imaging/voxel_loop.hpp"
 
 namespace mtled {
 namespace {
-
-constexpr int fewest_voxels = 4;  ///< that the recursive filter needs along an axis
-
-/// Derivative [intensity/mm] along the grid's axis `axis` of the image smoothed by a Gaussian.
-Image smoothed_derivative(const Image& image, double sigma_mm, int axis) {
-  using Filter = itk::RecursiveGaussianImageFilter<ItkImage<float>, ItkImage<float>>;
-  if (image.grid.size[axis] < fewest_voxels) return Image(image.grid);
-  auto result = view_as_itk(image);
-  bool input = true;
-  for (int a = 0; a < 3; ++a) {
-    if (image.grid.size[a] < fewest_voxels) continue;
-    const auto filter = Filter::New();
-    filter->SetInput(result);
-    filter->SetDirection(unsigned(a));
-    filter->SetSigma(sigma_mm);
-    filter->SetOrder(a == axis ? itk::GaussianOrderEnum::FirstOrder : itk::GaussianOrderEnum::ZeroOrder);
-    filter->SetInPlace(!input);
-    filter->Update();
-    result = filter->GetOutput();
-    result->DisconnectPipeline();
-    input = false;
-  }
-  Image derivative(image.grid);
-  const float per_mm = float(1 / image.grid.spacing[axis]);  // the filter differentiates by index
-  const float* values = result->GetBufferPointer();
-  for_each_voxel(image.grid,
-                 [&](int, int, int, std::size_t voxel) { derivative.data[voxel] = per_mm * values[voxel]; });
-  return derivative;
-}
-
-struct Gradient {
-  Image along[3];   ///< [intensity/mm] components along the grid's axes
-  Image magnitude;  ///< [intensity/mm]
-};
-
-Gradient smoothed_gradient(const Image& image, double sigma_mm) {
-  Gradient g{{smoothed_derivative(image, sigma_mm, 0), smoothed_derivative(image, sigma_mm, 1),
-              smoothed_derivative(image, sigma_mm, 2)},
-             Image(image.grid)};
-  for_each_voxel(image.grid, [&](int, int, int, std::size_t v) {
-    const float x = g.along[0].data[v], y = g.along[1].data[v], z = g.along[2].data[v];
-    g.magnitude.data[v] = std::sqrt(x * x + y * y + z * z);
-  });
-  return g;
-}
 
 /// Trilinear value at a continuous index; false outside the voxel centres.
 bool value_at_index(const Image& image, const Vec3d& index, double& value) {
@@ -101,22 +54,27 @@ enum : std::uint8_t { none = 0, edge = 1, candidate = 2 };
 /// Keeps the candidates that a chain of 26-neighbours connects to an edge; clears the others.
 void follow_edges(Mask& state) {
   const auto& n = state.grid.size;
-  std::vector<std::array<int, 3>> open;
-  for (int k = 0; k < n[2]; ++k)
-    for (int j = 0; j < n[1]; ++j)
-      for (int i = 0; i < n[0]; ++i)
-        if (state.at(i, j, k) == edge) open.push_back({i, j, k});
-  while (!open.empty()) {
-    const auto [i, j, k] = open.back();
-    open.pop_back();
-    for (int c = std::max(k - 1, 0); c <= std::min(k + 1, n[2] - 1); ++c)
-      for (int b = std::max(j - 1, 0); b <= std::min(j + 1, n[1] - 1); ++b)
-        for (int a = std::max(i - 1, 0); a <= std::min(i + 1, n[0] - 1); ++a)
-          if (state.at(a, b, c) == candidate) {
-            state.at(a, b, c) = edge;
-            open.push_back({a, b, c});
-          }
-  }
+  std::vector<std::vector<std::array<int, 3>>> starts(state.data.size() / state.grid.offset(0, 0, 1));
+  parallel_for(
+      starts.size(),
+      [&](std::size_t k) {
+        for (int j = 0; j < n[1]; ++j)
+          for (int i = 0; i < n[0]; ++i)
+            if (state.at(i, j, int(k)) == edge) starts[k].push_back({i, j, int(k)});
+      },
+      1);
+  for (std::vector<std::array<int, 3>>& open : starts)
+    while (!open.empty()) {
+      const auto [i, j, k] = open.back();
+      open.pop_back();
+      for (int c = std::max(k - 1, 0); c <= std::min(k + 1, n[2] - 1); ++c)
+        for (int b = std::max(j - 1, 0); b <= std::min(j + 1, n[1] - 1); ++b)
+          for (int a = std::max(i - 1, 0); a <= std::min(i + 1, n[0] - 1); ++a)
+            if (state.at(a, b, c) == candidate) {
+              state.at(a, b, c) = edge;
+              open.push_back({a, b, c});
+            }
+    }
   for_each_voxel(state.grid, [&](int, int, int, std::size_t v) {
     if (state.data[v] == candidate) state.data[v] = none;
   });
@@ -131,7 +89,7 @@ Mask canny_edges(const Image& image, const CannyOptions& options, const Mask* wh
   require(!where || same_grid(image.grid, where->grid),
           "the image and the mask of its edges lie on different grids; "
           "resample the mask to the image");
-  const Gradient g = smoothed_gradient(image, options.sigma_mm);
+  const Gradient g = gaussian_gradient(image, options.sigma_mm);
   Mask state(image.grid);
   for_each_voxel(image.grid, [&](int i, int j, int k, std::size_t v) {
     const float magnitude = g.magnitude.data[v];
@@ -148,16 +106,19 @@ Mask canny_edges_of_slices(const Image& image, const CannyOptions& options, cons
   Grid grid = image.grid;
   grid.size[2] = 1;
   const auto voxels = std::ptrdiff_t(grid.count());
-  for (int k = 0; k < image.grid.size[2]; ++k) {
-    grid.origin = image.grid.point(0, 0, k);
-    const auto slice = [&](const auto& volume) {
-      auto one = std::remove_cvref_t<decltype(volume)>(grid);
-      std::copy_n(volume.data.begin() + k * voxels, voxels, one.data.begin());
-      return one;
-    };
-    const Mask inside = where ? slice(*where) : Mask(grid, 1), found = canny_edges(slice(image), options, &inside);
-    std::copy(found.data.begin(), found.data.end(), edges.data.begin() + k * voxels);
-  }
+  parallel_for(
+      std::size_t(image.grid.size[2]),
+      [&](std::size_t k) {
+        const auto slice = [&](const auto& volume) {
+          auto one = std::remove_cvref_t<decltype(volume)>(grid);
+          one.grid.origin = image.grid.point(0, 0, int(k));
+          std::copy_n(volume.data.begin() + std::ptrdiff_t(k) * voxels, voxels, one.data.begin());
+          return one;
+        };
+        const Mask inside = where ? slice(*where) : Mask(), found = canny_edges(slice(image), options, where ? &inside : nullptr);
+        std::copy(found.data.begin(), found.data.end(), edges.data.begin() + std::ptrdiff_t(k) * voxels);
+      },
+      1);
   return edges;
 }
 

@@ -5,11 +5,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 
 #include "core/error.hpp"
 #include "core/parallel.hpp"
-#include "imaging/percentile.hpp"
+#include "imaging/order_statistics.hpp"
 #include "imaging/same_grid.hpp"
 #include "imaging/voxel_loop.hpp"
 
@@ -36,24 +37,6 @@ DenseField sample_displacement(const DisplacementFunction& u, const Grid& grid) 
 DenseField inverted(const DisplacementFunction& u, const Grid& from, const Grid& to) {
   InverseStatistics ignored;
   return inverse_field(to, forward_field(from, u), u, inversion_tolerance_mm, ignored);
-}
-
-Mask keep_inside(VectorImage& field, const Grid& image) {
-  Mask unchanged(field.grid);
-  for_each_voxel(field.grid, [&](int i, int j, int k, std::size_t voxel) {
-    const Vec3d y = field.grid.point(i, j, k);
-    Vec3d index = image.index(y + to_double(field.data[voxel]));
-    bool inside = true;
-    for (int a = 0; a < 3; ++a) {
-      inside = inside && index[a] >= -0.5 && index[a] <= image.size[a] - 0.5;
-      index[a] = std::clamp(index[a], 0.0, double(image.size[a] - 1));
-    }
-    unchanged.data[voxel] = inside;
-    if (inside) return;
-    const Vec3d v = image.point(index) - y;
-    field.data[voxel] = {float(v.x), float(v.y), float(v.z)};
-  });
-  return unchanged;
 }
 
 RigidMotion best_rigid_motion(const std::vector<Vec3d>& x, const std::vector<Vec3d>& y) {
@@ -110,25 +93,27 @@ std::vector<LabelRigidity> label_rigidity(const LabelImage& labels, const DenseF
 InverseConsistency inverse_consistency(const DenseField& there, const DisplacementFunction& back, const Mask& where) {
   require(same_grid(where.grid, there.displacement.grid), "the mask and the displacement field lie on different grids; resample the mask");
   const Grid& grid = there.displacement.grid;
-  std::vector<double> distance(grid.count(), -1);
+  std::vector<float> distance(grid.count(), std::numeric_limits<float>::quiet_NaN());
   for_each_voxel(grid, [&](int i, int j, int k, std::size_t voxel) {
     if (!where.data[voxel] || !there.covered.data[voxel]) return;
     const Vec3d v = to_double(there.displacement.data[voxel]);
     Vec3d u;
-    if (back(grid.point(i, j, k) + v, u)) distance[voxel] = norm(v + u);
+    if (back(grid.point(i, j, k) + v, u)) distance[voxel] = float(norm(v + u));
   });
-  std::erase_if(distance, [](double d) { return d < 0; });
-  if (distance.empty()) return {};
-  std::sort(distance.begin(), distance.end());
-  double sum = 0;
-  for (const double d : distance) sum += d;
-  return {distance.size(), sum / double(distance.size()), percentile_of_sorted(distance, 95), percentile_of_sorted(distance, 99), distance.back()};
+  OrderStatistics order(distance);
+  if (order.count() == 0) return {};
+  const double sum = parallel_sum(distance.size(), [&](std::size_t begin, std::size_t end) {
+    double part = 0;
+    for (std::size_t v = begin; v < end; ++v)
+      if (!std::isnan(distance[v])) part += distance[v];
+    return part;
+  });
+  return {order.count(), sum / double(order.count()), order.percentile(95), order.percentile(99), order.at(order.count() - 1)};
 }
 
 double correlation(const Image& a, const Image& b, const Mask& where) {
+  const double count = parallel_sum(where.data.size(), [&](std::size_t begin, std::size_t end) { return double(std::count_if(&where.data[0] + begin, &where.data[0] + end, [](auto in) { return in != 0; })); });
   const auto mean = [&](const auto& value) {
-    double count = 0;
-    for (const auto in : where.data) count += in != 0;
     return parallel_sum(where.data.size(), [&](std::size_t begin, std::size_t end) {
       double sum = 0;
       for (std::size_t v = begin; v < end; ++v)

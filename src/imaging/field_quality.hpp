@@ -13,9 +13,6 @@ DenseField sample_displacement(const DisplacementFunction& u, const Grid& grid);
 /// The inverse of the map x -> x + u(x), whose displacement is known best around `from`, at the voxels of `to`; found to
 /// 0.1 mm, covered where it was found. Input error when it is found nowhere.
 DenseField inverted(const DisplacementFunction& u, const Grid& from, const Grid& to);
-/// Changes `field` so that no voxel is sent out of `image`: further points go to its border. Returns 1 where nothing had
-/// to change. A warp by it has no edge where the image ends.
-Mask keep_inside(VectorImage& field, const Grid& image);
 
 /// Rotation and shift that bring the points x closest to y in the mean square (Kabsch 1976), about the centroid of x.
 /// Input error: no points, or lists of different length.

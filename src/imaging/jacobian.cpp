@@ -3,7 +3,7 @@
 #include <limits>
 
 #include "core/error.hpp"
-#include "imaging/percentile.hpp"
+#include "imaging/order_statistics.hpp"
 #include "imaging/same_grid.hpp"
 #include "imaging/voxel_loop.hpp"
 #include "imaging/warp.hpp"
@@ -14,7 +14,8 @@ namespace {
 /// det(I + du/dX) at one voxel by central differences.
 class DeterminantAtVoxel {
  public:
-  DeterminantAtVoxel(const VectorImage& displacement, const Mask& where) : field_(displacement), where_(where) {}
+  /// `where`: null: everywhere.
+  DeterminantAtVoxel(const VectorImage& displacement, const Mask* where) : field_(displacement), where_(where) {}
 
   /// False where the derivative along an axis is unknown: no neighbour inside the mask on either side.
   bool operator()(int i, int j, int k, std::size_t voxel, double& determinant_value) const {
@@ -24,8 +25,8 @@ class DeterminantAtVoxel {
     Mat3d F = Mat3d::identity();
     for (int a = 0; a < 3; ++a) {
       if (grid.size[a] == 1) continue;
-      const bool below = index[a] > 0 && where_.data[voxel - stride[a]];
-      const bool above = index[a] + 1 < grid.size[a] && where_.data[voxel + stride[a]];
+      const bool below = index[a] > 0 && (!where_ || where_->data[voxel - stride[a]]);
+      const bool above = index[a] + 1 < grid.size[a] && (!where_ || where_->data[voxel + stride[a]]);
       if (!below && !above) return false;
       const Vec3f& p = field_.data[below ? voxel - stride[a] : voxel];
       const Vec3f& q = field_.data[above ? voxel + stride[a] : voxel];
@@ -40,36 +41,62 @@ class DeterminantAtVoxel {
 
  private:
   const VectorImage& field_;
-  const Mask& where_;
+  const Mask* where_;
 };
 
-/// Standard deviation (over n) of f(value) where `counts(value)`; NaN where none does.
-template <class Function, class Counts>
-double deviation_of(const std::vector<float>& values, const Function& f, const Counts& counts) {
-  double sum = 0, squares = 0;
-  std::size_t n = 0;
-  for (const float v : values)
-    if (counts(v)) sum += f(v), ++n;
+/// Standard deviation (over n) of numbers that visit(begin, end, work) gives to work(number) for pieces of [0, count);
+/// NaN when there are none.
+template <class Visit>
+double deviation_of(std::size_t count, std::size_t piece, const Visit& visit) {
+  const auto sum = [&](const auto& f) {
+    return parallel_sum(
+        count,
+        [&](std::size_t begin, std::size_t end) {
+          double part = 0;
+          visit(begin, end, [&](double value) { part += f(value); });
+          return part;
+        },
+        piece);
+  };
+  const double n = sum([](double) { return 1; });
   if (n == 0) return std::numeric_limits<double>::quiet_NaN();
-  for (const float v : values)
-    if (counts(v)) squares += (f(v) - sum / double(n)) * (f(v) - sum / double(n));
-  return std::sqrt(squares / double(n));
+  const double mean = sum([](double v) { return v; }) / n;
+  return std::sqrt(sum([mean](double v) { return (v - mean) * (v - mean); }) / n);
 }
 
-/// See JacobianStatistics.
-double sd_log_of_learn2reg(const VectorImage& displacement, const Mask& where) {
+/// Of the logarithm of the positive ones.
+double sd_log(const std::vector<float>& determinants) {
+  return deviation_of(determinants.size(), 16384, [&](std::size_t begin, std::size_t end, const auto& work) {
+    for (std::size_t v = begin; v < end; ++v)
+      if (determinants[v] > 0) work(std::log(double(determinants[v])));
+  });
+}
+
+/// See JacobianStatistics. `determinants`: by differences within `where`, which are those that count here where all six
+/// neighbours are in it.
+double sd_log_of_learn2reg(const VectorImage& displacement, const Mask& where, const std::vector<float>& determinants) {
   constexpr int border = 2;
-  const Mask everywhere(where.grid, 1);
-  const DeterminantAtVoxel determinant_at(displacement, everywhere);
-  const auto& n = where.grid.size;
-  std::vector<float> values;
-  for (int k = border; k < n[2] - border; ++k)
-    for (int j = border; j < n[1] - border; ++j)
-      for (int i = border; i < n[0] - border; ++i) {
-        double value;
-        if (where.at(i, j, k) && determinant_at(i, j, k, where.grid.offset(i, j, k), value)) values.push_back(float(value));
+  const Grid& grid = where.grid;
+  const DeterminantAtVoxel determinant_at(displacement, nullptr);
+  const std::size_t stride[3] = {1, grid.offset(0, 1, 0), grid.offset(0, 0, 1)};
+  const auto has_all_neighbours = [&](std::size_t voxel) {
+    bool all = true;
+    for (const std::size_t s : stride) all = all && where.data[voxel - s] && where.data[voxel + s];
+    return all;
+  };
+  const int rows = std::max(grid.size[1] - 2 * border, 0), slices = std::max(grid.size[2] - 2 * border, 0);
+  return deviation_of(std::size_t(rows) * std::size_t(slices), 16, [&](std::size_t begin, std::size_t end, const auto& work) {
+    for (std::size_t r = begin; r < end; ++r) {
+      const int j = border + int(r % std::size_t(rows)), k = border + int(r / std::size_t(rows));
+      for (int i = border; i < grid.size[0] - border; ++i) {
+        const std::size_t voxel = grid.offset(i, j, k);
+        if (!where.data[voxel]) continue;
+        double value = determinants[voxel];
+        if (!has_all_neighbours(voxel)) determinant_at(i, j, k, voxel, value);
+        work(std::log(std::clamp(double(float(value)) + 3, 1e-9, 1e9)));
       }
-  return deviation_of(values, [](double v) { return std::log(std::clamp(v + 3, 1e-9, 1e9)); }, [](float) { return true; });
+    }
+  });
 }
 
 }  // namespace
@@ -78,40 +105,35 @@ JacobianStatistics jacobian_statistics(const VectorImage& displacement, const Ma
   require(same_grid(displacement.grid, where.grid),
           "the displacement and the mask lie on different grids; compute both "
           "on the same grid");
-  const DeterminantAtVoxel determinant_at(displacement, where);
-  Mask counted(where.grid);
-  std::vector<float> values(where.data.size());
+  const DeterminantAtVoxel determinant_at(displacement, &where);
+  std::vector<float> values(where.data.size(), std::numeric_limits<float>::quiet_NaN());
   for_each_voxel(where.grid, [&](int i, int j, int k, std::size_t voxel) {
     double value;
-    if (!where.data[voxel] || !determinant_at(i, j, k, voxel, value)) return;
-    values[voxel] = float(value);
-    counted.data[voxel] = 1;
+    if (where.data[voxel] && determinant_at(i, j, k, voxel, value)) values[voxel] = float(value);
   });
-  std::size_t kept = 0;
-  for (std::size_t voxel = 0; voxel < values.size(); ++voxel)
-    if (counted.data[voxel]) values[kept++] = values[voxel];
-  values.resize(kept);
-  require(kept > 0,
+  OrderStatistics order(values);
+  require(order.count() > 0,
           "no voxel of the mask has neighbours in it, so the volume change cannot be computed; give a mask of "
           "the body");
 
   JacobianStatistics result;
-  result.voxels = kept;
-  result.folded = std::size_t(std::count_if(values.begin(), values.end(), [](float value) { return value <= 0; }));
-  const auto [minimum, maximum] = std::minmax_element(values.begin(), values.end());
-  result.minimum = *minimum;
-  result.maximum = *maximum;
-  result.percentile_1 = percentile(values, 1);
-  result.median = percentile(values, 50);
-  result.percentile_99 = percentile(values, 99);
-  result.sd_log = deviation_of(values, [](double v) { return std::log(v); }, [](float v) { return v > 0; });
-  result.sd_log_learn2reg = sd_log_of_learn2reg(displacement, where);
+  result.voxels = order.count();
+  result.folded = std::size_t(parallel_sum(values.size(), [&](std::size_t begin, std::size_t end) {
+    return double(std::count_if(values.begin() + std::ptrdiff_t(begin), values.begin() + std::ptrdiff_t(end), [](float value) { return value <= 0; }));
+  }));
+  result.minimum = order.at(0);
+  result.maximum = order.at(order.count() - 1);
+  result.percentile_1 = order.percentile(1);
+  result.median = order.percentile(50);
+  result.percentile_99 = order.percentile(99);
+  result.sd_log = sd_log(values);
+  result.sd_log_learn2reg = sd_log_of_learn2reg(displacement, where, values);
   return result;
 }
 
 Image volume_ratio(const VectorImage& displacement, const Mask& where) {
   require(same_grid(displacement.grid, where.grid), "the displacement and the mask lie on different grids; compute both on the same grid");
-  const DeterminantAtVoxel determinant_at(displacement, where);
+  const DeterminantAtVoxel determinant_at(displacement, &where);
   Image ratio(where.grid, std::numeric_limits<float>::quiet_NaN());
   for_each_voxel(where.grid, [&](int i, int j, int k, std::size_t voxel) {
     double value;
@@ -121,7 +143,7 @@ Image volume_ratio(const VectorImage& displacement, const Mask& where) {
 }
 
 Mask folded_voxels(const VectorImage& displacement, const Mask& where) {
-  const DeterminantAtVoxel determinant_at(displacement, where);
+  const DeterminantAtVoxel determinant_at(displacement, &where);
   Mask folded(where.grid);
   for_each_voxel(where.grid, [&](int i, int j, int k, std::size_t voxel) {
     double value;

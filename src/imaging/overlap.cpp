@@ -32,16 +32,28 @@ bool on_surface(const LabelImage& labels, int i, int j, int k) {
 }
 
 std::map<int, Region> regions_of(const LabelImage& labels) {
+  std::vector<std::map<int, Region>> slices(std::size_t(labels.grid.size[2]));
+  parallel_for(
+      slices.size(),
+      [&](std::size_t slice) {
+        const int k = int(slice);
+        for (int j = 0; j < labels.grid.size[1]; ++j)
+          for (int i = 0; i < labels.grid.size[0]; ++i) {
+            const int label = labels.at(i, j, k);
+            if (label == 0) continue;
+            Region& region = slices[slice][label];
+            ++region.voxels;
+            if (on_surface(labels, i, j, k)) region.surface.push_back(labels.grid.point(i, j, k));
+          }
+      },
+      1);
   std::map<int, Region> regions;
-  for (int k = 0; k < labels.grid.size[2]; ++k)
-    for (int j = 0; j < labels.grid.size[1]; ++j)
-      for (int i = 0; i < labels.grid.size[0]; ++i) {
-        const int label = labels.at(i, j, k);
-        if (label == 0) continue;
-        Region& region = regions[label];
-        ++region.voxels;
-        if (on_surface(labels, i, j, k)) region.surface.push_back(labels.grid.point(i, j, k));
-      }
+  for (const std::map<int, Region>& in_slice : slices)
+    for (const auto& [label, part] : in_slice) {
+      Region& region = regions[label];
+      region.voxels += part.voxels;
+      region.surface.insert(region.surface.end(), part.surface.begin(), part.surface.end());
+    }
   return regions;
 }
 

@@ -22,6 +22,14 @@ Image sample_at(const Image& source, const Grid& grid, const Position& position,
   return result;
 }
 
+/// Label of the voxel nearest to position(i, j, k, voxel) for every voxel of `grid`, 0 outside.
+template <class Position>
+LabelImage nearest_labels(const LabelImage& labels, const Grid& grid, const Position& position) {
+  LabelImage result(grid);
+  for_each_voxel(grid, [&](int i, int j, int k, std::size_t voxel) { result.data[voxel] = nearest_value<std::uint16_t>(labels, position(i, j, k, voxel), 0); });
+  return result;
+}
+
 /// y + v(y) at the voxels of a displacement field.
 auto displaced_position(const VectorImage& field) {
   return [&field](int i, int j, int k, std::size_t voxel) {
@@ -37,13 +45,39 @@ Image warp_image(const Image& moving, const VectorImage& inverse, Interpolation 
   return sample_at(moving, inverse.grid, displaced_position(inverse), interpolation, outside);
 }
 
-LabelImage warp_labels(const LabelImage& labels, const VectorImage& inverse) {
-  LabelImage result(inverse.grid);
-  const auto position = displaced_position(inverse);
-  for_each_voxel(inverse.grid, [&](int i, int j, int k, std::size_t voxel) {
-    result.data[voxel] = nearest_value<std::uint16_t>(labels, position(i, j, k, voxel), 0);
+Image warp_continued(const Image& moving, const Grid& grid, const VectorImage* field, Mask& inside) {
+  Image result(grid);
+  inside = Mask(grid);
+  const auto view = view_of(moving);
+  const auto& n = moving.grid.size;
+  Mat3d to_index = transpose(moving.grid.direction);
+  for (int a = 0; a < 3; ++a)
+    for (int b = 0; b < 3; ++b) to_index[a][b] /= moving.grid.spacing[a];
+  const Vec3d first = moving.grid.index(grid.origin);
+  const Vec3d step[3] = {moving.grid.index(grid.point(1, 0, 0)) - first, moving.grid.index(grid.point(0, 1, 0)) - first, moving.grid.index(grid.point(0, 0, 1)) - first};
+  for_each_voxel(grid, [&](int i, int j, int k, std::size_t voxel) {
+    Vec3d index = first + double(i) * step[0] + double(j) * step[1] + double(k) * step[2];
+    if (field) {
+      const Vec3f& v = field->data[voxel];
+      index += to_index * Vec3d{v.x, v.y, v.z};
+    }
+    bool in = true;
+    for (int a = 0; a < 3; ++a) {
+      in = in && index[a] >= -0.5 && index[a] <= n[std::size_t(a)] - 0.5;
+      index[a] = std::clamp(index[a], 0.0, double(n[std::size_t(a)] - 1));
+    }
+    double value = 0;
+    interpolate_at_index(view, index, value);
+    result.data[voxel] = float(value);
+    inside.data[voxel] = in;
   });
   return result;
+}
+
+LabelImage warp_labels(const LabelImage& labels, const VectorImage& inverse) { return nearest_labels(labels, inverse.grid, displaced_position(inverse)); }
+
+LabelImage labels_at(const LabelImage& labels, const Grid& grid) {
+  return nearest_labels(labels, grid, [&](int i, int j, int k, std::size_t) { return grid.point(i, j, k); });
 }
 
 Image warp_image_rigidly(const Image& moving, const Grid& fixed_grid, const RigidMotion& motion,

@@ -1,5 +1,6 @@
 #pragma once
 #include <functional>
+#include <memory>
 #include <vector>
 
 #include "core/field_backend.hpp"
@@ -11,6 +12,12 @@ namespace mtled {
 /// u(X) [mm] of the deforming body at a rest position X [LPS mm] of the moving image: true and u where the body's shape
 /// functions cover X, false elsewhere. Safe to call from many threads.
 using DisplacementFunction = std::function<bool(const Vec3d& X, Vec3d& u)>;
+
+/// A displacement function that is the trilinear value of a dense field, known within the field's grid.
+struct DenseDisplacement {
+  std::shared_ptr<VectorImage> field;
+  bool operator()(const Vec3d& X, Vec3d& u) const { return linear_value(*field, X, u); }
+};
 
 /// A dense displacement and where it comes from.
 struct DenseField {
@@ -45,8 +52,14 @@ void extend_smoothly(VectorImage& field, const Mask& covered);
 /// moving(y + v(y)) on the grid of `inverse`; `outside` where that position is beyond the moving image's border voxels.
 /// By `device` when there is one; cubic coefficients are found on the CPU.
 Image warp_image(const Image& moving, const VectorImage& inverse, Interpolation interpolation, float outside, const SampleDisplaced& device = {});
+/// The linear value of `moving` at y + v(y), or at y without a `field`, for the voxels y of `grid`, which is the field's.
+/// Beyond its border the image continues with the border's values, so that the result has no edge where it ends.
+/// `inside`: 1 where the position is in the image.
+Image warp_continued(const Image& moving, const Grid& grid, const VectorImage* field, Mask& inside);
 /// Label of the voxel nearest to y + v(y), 0 outside.
 LabelImage warp_labels(const LabelImage& labels, const VectorImage& inverse);
+/// Label of the voxel nearest to every voxel of `grid`, 0 outside.
+LabelImage labels_at(const LabelImage& labels, const Grid& grid);
 /// The same for one rigid motion moving -> fixed (baseline).
 Image warp_image_rigidly(const Image& moving, const Grid& fixed_grid, const RigidMotion& motion,
                          Interpolation interpolation, float outside);

@@ -1,0 +1,43 @@
+#include "evaluate.hpp"
+#include "report/encode.hpp"
+
+namespace mtled {
+namespace {
+
+constexpr double report_margin_mm = 20;  ///< around what is compared
+
+}  // namespace
+
+ReportView view_of(const Image& fixed, const std::optional<Image>& moving, const std::optional<Image>& warped, const Maps& maps, const Mask& where) {
+  ReportView view;
+  view.add_space("fixed", view_grid(fixed.grid, report_voxels, &where, report_margin_mm));
+  const GreyScale scale = grey_scale_of(fixed);
+  view.add_image("fixed", "Fixed image", "fixed", fixed, scale);
+  if (moving) view.add_image("before", "Moving image, as it was", "fixed", *moving, scale);
+  if (warped) view.add_image("after", "Moving image, registered", "fixed", *warped, scale);
+  if (maps.field) add_field(view, maps.field->displacement, intersection(where, maps.field->covered));
+  return view;
+}
+
+Json report_facts(const EvaluateOptions& options, const Image& fixed, const std::optional<Image>& moving, const std::optional<ReferenceComparison>& reference, const Json& evaluation) {
+  Json facts = facts_of_evaluation(evaluation);
+  facts["inputs"] = Json::array();
+  const auto list = [&](const char* role, const std::filesystem::path& path, const Grid* grid = nullptr) {
+    if (!path.empty()) list_input(facts["inputs"], role, path.string(), grid);
+  };
+  list("fixed", options.fixed, &fixed.grid);
+  list("moving", options.moving, moving ? &moving->grid : nullptr);
+  list("warped", options.warped, &fixed.grid);
+  list("transform", options.transform);
+  list("inverse-transform", options.inverse_transform);
+  list("mask", options.mask);
+  list("fixed-labels", options.fixed_labels);
+  list("moving-labels", options.moving_labels);
+  list("warped-labels", options.warped_labels);
+  for (const auto* file : {&options.reference_transform, &options.reference_inverse_transform, &options.reference_points}) list("reference", *file);
+  for (const auto* file : {&options.evaluation.landmarks, &options.fixed_landmarks, &options.moving_landmarks}) list("landmarks", *file);
+  if (reference) facts["figures"] = {{{"title", "Difference from the reference"}, {"caption", reference->file.filename().string()}, {"picture", png_address(reference->picture)}}};
+  return facts;
+}
+
+}  // namespace mtled
