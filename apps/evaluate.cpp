@@ -16,17 +16,18 @@ std::size_t axes_of_one_voxel(const Grid& grid) { return std::size_t(std::count(
 
 LabelMaps read_label_maps(const EvaluateOptions& options, const Grid& fixed, const Maps& maps) {
   LabelMaps labels;
-  std::optional<LabelImage> moving;
   if (!options.fixed_labels.empty()) labels.fixed = labels_on(fixed, options.fixed_labels, "fixed labels");
-  if (!options.moving_labels.empty()) moving = read_labels(options.moving_labels, "moving labels");
-  if (moving) labels.before = labels_at(*moving, fixed);
+  if (!options.moving_labels.empty()) labels.moving = read_labels(options.moving_labels, "moving labels");
+  if (labels.moving) labels.before = labels_at(*labels.moving, fixed);
   if (!options.warped_labels.empty()) labels.after = labels_on(fixed, options.warped_labels, "warped labels");
-  else if (moving && maps.field) labels.after = warp_labels(*moving, maps.field->displacement);
+  else if (labels.moving && maps.field) labels.after = warp_labels(*labels.moving, maps.field->displacement);
   return labels;
 }
 
-void report_labels(const LabelMaps& labels, const Maps& maps, Json& report) {
+void report_labels(const LabelMaps& labels, const std::vector<Other>& others, const Maps& maps, Json& report) {
   if (labels.fixed && labels.before) report["labels"]["before"] = describe(label_overlap(*labels.before, *labels.fixed));
+  for (const Other& other : others)
+    if (labels.fixed && other.labels) report["labels"][other.name] = describe(label_overlap(*other.labels, *labels.fixed));
   if (labels.fixed && labels.after) {
     report["labels"]["after"] = describe(label_overlap(*labels.after, *labels.fixed));
     for (const Json& l : report["labels"]["after"])
@@ -50,10 +51,10 @@ void print_report(const Json& report) {
   if (report.contains("rigidity"))
     for (const Json& r : report["rigidity"]) std::printf("label %4d is off its best rigid motion by %.3f mm (rms), %.3f mm at most\n", r["label"].get<int>(), r["rms_mm"].get<double>(), r["largest_mm"].get<double>());
   if (report.contains("landmarks"))
-    for (const char* name : {"before", "after"})
-      if (const Json& l = report["landmarks"]; l.contains(name))
-        std::printf("landmarks %-6s mean %.2f, median %.2f, 95 %% %.2f, max %.2f mm (%d points)\n", name, l[name]["mean_mm"].get<double>(), l[name]["median_mm"].get<double>(),
-                    l[name]["percentile_95_mm"].get<double>(), l[name]["max_mm"].get<double>(), l[name]["points"].get<int>());
+    for (const auto& [name, l] : report["landmarks"].items())
+      if (l.is_object())
+        std::printf("landmarks %-6s mean %.2f, median %.2f, 95 %% %.2f, max %.2f mm (%d points)\n", name.c_str(), l["mean_mm"].get<double>(), l["median_mm"].get<double>(), l["percentile_95_mm"].get<double>(),
+                    l["max_mm"].get<double>(), l["points"].get<int>());
   if (report.contains("field_difference")) print_reference(report["field_difference"]);
   if (!report.contains("field")) return;
   const Json& j = report["field"]["jacobian"];
@@ -74,6 +75,7 @@ void check_usage(const CLI::App& verb, const EvaluateOptions& options) {
   if (options.fixed_landmarks.empty() != options.moving_landmarks.empty()) require_option(verb, "--fixed-landmarks"), require_option(verb, "--moving-landmarks");
   if (!options.fixed_landmarks.empty() && !options.evaluation.landmarks.empty()) fail(Failure::usage, "--landmarks holds the points of both images; give either that or --fixed-landmarks and --moving-landmarks");
   if (!options.fixed_labels.empty() && options.moving_labels.empty() && !has_transform) require_option(verb, "--warped-labels");
+  if (!parse_others(options.beside).empty()) require_option(verb, "--moving");
   check_contours(verb, options, has_transform);
   check_reference(verb, options);
   if (options.fixed_labels.empty() && (!options.warped_labels.empty() || (!options.moving_labels.empty() && !has_transform))) require_option(verb, "--fixed-labels");
@@ -121,25 +123,28 @@ void run(CLI::App& verb, EvaluateOptions& options) {
     before = warp_continued(*moving, fixed.grid, nullptr, inside);
     if (!maps.field) where = intersection(std::move(where), inside);
   }
+  const LabelMaps labels = read_label_maps(options, fixed.grid, maps);
+  std::vector<Other> others = parse_others(options.beside);
+  if (moving) read_others(others, *moving, mask, labels, where, report);
   require(count(where) > 0, maps.field ? "the transform leads no voxel of the fixed image (within the mask) into the moving image; check that it belongs to these images and maps points of the fixed to the moving image"
                                        : "the moving image does not overlap the fixed image (within the mask) in space; give the transform between them");
   times.lap("warping");
   std::vector<NamedImage> candidates;
   if (before) candidates.push_back({"before", &*before});
+  for (const Other& other : others) candidates.push_back({other.name, &other.warped});
   if (warped) candidates.push_back({"after", &*warped});
   for (const NamedImage& c : candidates) report["correlation"][c.name] = correlation(fixed, *c.image, where);
   times.lap("correlation");
   std::optional<ReportView> view;
-  if (options.report) view = view_of(fixed, moving, warped, maps, where), times.lap("report");
+  if (options.report) view = view_of(fixed, moving, others, warped, maps, where), times.lap("report");
   if (!candidates.empty())
     report["edges"] = compare_edges_of(fixed, candidates, canny, where, moving ? &moving->grid : nullptr, options.slices ? EdgeSpace::slices : EdgeSpace::volume,
                                        [&](const std::string& name, const Mask& edges) { if (view) view->add_edges(name, edges); });
-  const LabelMaps labels = read_label_maps(options, fixed.grid, maps);
-  report_labels(labels, maps, report);
-  report_contours(parse_contours(options.contours), fixed, candidates, labels, where, report);
+  report_labels(labels, others, maps, report);
+  report_contours(parse_contours(options.contours), fixed, candidates, labels, others, where, report);
   before.reset(), warped.reset(), candidates.clear();
   times.lap("edges and labels");
-  report_landmarks(landmarks, maps, report);
+  report_landmarks(landmarks, others, maps, report);
   if (maps.field) report_field(mask, maps, report);
   times.lap("field");
   check_direction(options, fixed, moving, mask, maps, landmarks, report);
@@ -179,6 +184,7 @@ void add_evaluate(CLI::App& program) {
   verb->add_option("--warped-labels", options->warped_labels, "warped label map, by any program")->type_name("IMAGE");
   verb->add_option("--fixed-landmarks", options->fixed_landmarks, "CSV with x,y,z: points in the fixed image [mm, LPS]")->type_name("FILE");
   verb->add_option("--moving-landmarks", options->moving_landmarks, "CSV with x,y,z: the same points in the moving image, in the same order")->type_name("FILE");
+  verb->add_option("--beside", options->beside, "another registration of these images to compare with: a map of points of the fixed to the moving image, or a folder of results; may be repeated")->type_name("NAME=FILE");
   verb->add_option("--contour", options->contours, "compare the outlines of an organ in the slices along k: NAME=LABEL of the label maps, or `lungs`, found in a CT; may be repeated")->type_name("NAME=LABEL");
   CLI::Option* reference[] = {verb->add_option("--reference-transform", options->reference_transform, "map of points of the fixed to the moving image that --transform is compared with")->type_name("FILE"),
                               verb->add_option("--reference-inverse-transform", options->reference_inverse_transform, "map of points of the moving to the fixed image, such as one by finite elements, that --inverse-transform is compared with")->type_name("FILE"),

@@ -13,6 +13,7 @@ struct EvaluateOptions : CommonOptions {
   std::filesystem::path fixed, moving, warped, mask, fixed_labels, moving_labels, warped_labels, fixed_landmarks, moving_landmarks, transform, inverse_transform, result, output;
   std::filesystem::path reference_transform, reference_inverse_transform, reference_points;  ///< one at most
   std::vector<std::string> contours;  ///< see parse_contours()
+  std::vector<std::string> beside;    ///< see parse_others()
   bool slices = false, report = true;
   EvaluationOptions evaluation;
 };
@@ -36,9 +37,29 @@ Maps read_maps(EvaluateOptions& options, const Grid& fixed, const std::optional<
 /// every second, third, ... voxel along each axis is compared.
 void check_direction(const EvaluateOptions& options, const Image& fixed, const std::optional<Image>& moving, const Mask& mask, const Maps& maps, const Landmarks& landmarks, Json& report);
 
+/// Label maps: of the fixed image, of the moving one, and this on the fixed grid as it lies and warped.
+struct LabelMaps {
+  std::optional<LabelImage> fixed, moving, before, after;
+};
+
+/// Another registration of the same images, to be compared with.
+struct Other {
+  std::string name;
+  std::filesystem::path file;
+  DisplacementFunction there;  ///< fixed -> moving
+  Image warped;
+  std::optional<LabelImage> labels;  ///< warped, if there are moving labels
+};
+/// Of texts NAME=FILE or NAME=FOLDER of a result; files are not read yet. Usage errors: no such text, a name that is taken.
+std::vector<Other> parse_others(const std::vector<std::string>& texts);
+/// Reads their transforms, warps by them, and puts Jacobian and rigidity into report["beside"]. Voxels of `where` that one
+/// of them does not know or sends out of the moving image are cleared.
+void read_others(std::vector<Other>& others, const Image& moving, const Mask& mask, const LabelMaps& labels, Mask& where, Json& report);
+
 /// Empty without landmarks. Input error when none can be used.
 Landmarks read_landmarks(const EvaluateOptions& options, const Grid& fixed, const std::optional<Image>& moving, const Maps& maps);
-void report_landmarks(const Landmarks& landmarks, const Maps& maps, Json& report);
+/// Errors before, of the others and after; the others where they know the landmark.
+void report_landmarks(const Landmarks& landmarks, const std::vector<Other>& others, const Maps& maps, Json& report);
 std::string landmark_table(const Landmarks& landmarks, const Maps& maps);
 
 /// The difference from a displacement that is known otherwise, by finite elements for example.
@@ -57,11 +78,6 @@ void report_reference(const ReferenceComparison& comparison, Json& report);
 void print_reference(const Json& difference);
 std::string reference_table(const FieldDifference& difference);
 
-/// Label maps on the fixed grid: of the fixed image, and of the moving one as it lies and warped.
-struct LabelMaps {
-  std::optional<LabelImage> fixed, before, after;
-};
-
 /// An organ whose outlines are compared: a label, or the lungs as they are seen in the image.
 struct NamedContour {
   std::string name;
@@ -72,12 +88,12 @@ std::vector<NamedContour> parse_contours(const std::vector<std::string>& texts);
 /// Usage errors: as above, and labels or images that they need are missing. `has_transform`: moving labels can be warped.
 void check_contours(const CLI::App& verb, const EvaluateOptions& options, bool has_transform);
 /// `where`: voxels of the fixed grid that count. Input error: no body in an image whose lungs are asked for.
-void report_contours(const std::vector<NamedContour>& contours, const Image& fixed, const std::vector<NamedImage>& candidates, const LabelMaps& labels, const Mask& where, Json& report);
+void report_contours(const std::vector<NamedContour>& contours, const Image& fixed, const std::vector<NamedImage>& candidates, const LabelMaps& labels, const std::vector<Other>& others, const Mask& where, Json& report);
 void print_contours(const Json& contours);
 std::string contour_table(const Json& contours);
 
 /// What the report shows of images and field, around `where`.
-ReportView view_of(const Image& fixed, const std::optional<Image>& moving, const std::optional<Image>& warped, const Maps& maps, const Mask& where);
+ReportView view_of(const Image& fixed, const std::optional<Image>& moving, const std::vector<Other>& others, const std::optional<Image>& warped, const Maps& maps, const Mask& where);
 /// The facts of the report: evaluation.json, the files that were read, and the figure of the reference.
 Json report_facts(const EvaluateOptions& options, const Image& fixed, const std::optional<Image>& moving, const std::optional<ReferenceComparison>& reference, const Json& evaluation);
 

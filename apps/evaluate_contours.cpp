@@ -28,6 +28,8 @@ Json describe(const ContourDistance& d) {
   return {{"voxels", d.voxels}, {"unmatched_voxels", d.unmatched}, {"mean_mm", number(d.mean)}, {"median_mm", number(d.median)}, {"percentile_95_mm", number(d.percentile_95)}, {"max_mm", number(d.maximum)}};
 }
 
+std::string image_of(const std::string& candidate) { return candidate == "before" ? "moving" : candidate == "after" ? "warped" : candidate; }
+
 constexpr const char* directions[] = {"from_fixed", "to_fixed"};
 constexpr const char* distances[] = {"mean_mm", "median_mm", "percentile_95_mm", "max_mm"};
 
@@ -60,7 +62,7 @@ void check_contours(const CLI::App& verb, const EvaluateOptions& options, bool h
   }
 }
 
-void report_contours(const std::vector<NamedContour>& contours, const Image& fixed, const std::vector<NamedImage>& candidates, const LabelMaps& labels, const Mask& where, Json& report) {
+void report_contours(const std::vector<NamedContour>& contours, const Image& fixed, const std::vector<NamedImage>& candidates, const LabelMaps& labels, const std::vector<Other>& others, const Mask& where, Json& report) {
   for (const NamedContour& contour : contours) {
     const bool labelled = contour.label > 0;
     const Mask of_fixed = contours_of_slices(labelled ? voxels_of(labels.fixed, contour.label) : lungs_of(fixed, "fixed image"), where);
@@ -72,13 +74,15 @@ void report_contours(const std::vector<NamedContour>& contours, const Image& fix
     say_if_missing(of_fixed, "fixed");
     const auto compare = [&](const std::string& name, const Mask& organ) {
       const Mask outline = contours_of_slices(organ, where);
-      say_if_missing(outline, name == "after" ? "warped" : "moving");
+      say_if_missing(outline, image_of(name));
       const ContourComparison c = compare_contours(of_fixed, outline);
       report["contours"][contour.name][name] = {{directions[0], describe(c.from_a)}, {directions[1], describe(c.from_b)}};
     };
     if (!labelled)
-      for (const NamedImage& c : candidates) compare(c.name, lungs_of(*c.image, c.name == "after" ? "warped image" : "moving image"));
+      for (const NamedImage& c : candidates) compare(c.name, lungs_of(*c.image, image_of(c.name) + " image"));
     if (labelled && labels.before) compare("before", voxels_of(labels.before, contour.label));
+    for (const Other& other : others)
+      if (labelled && other.labels) compare(other.name, voxels_of(other.labels, contour.label));
     if (labelled && labels.after) compare("after", voxels_of(labels.after, contour.label));
   }
 }

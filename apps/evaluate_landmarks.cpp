@@ -16,6 +16,17 @@ bool inside(const Grid& grid, const Vec3d& point) {
   return in;
 }
 
+/// Of the landmarks that it knows; nothing when there are none.
+std::optional<PointErrors> errors_of(const Other& other, const Landmarks& landmarks) {
+  std::vector<Vec3d> mapped, moving;
+  for (std::size_t p = 0; p < landmarks.rows.size(); ++p) {
+    Vec3d v;
+    if (other.there(landmarks.fixed[p], v)) mapped.push_back(landmarks.fixed[p] + v), moving.push_back(landmarks.moving[p]);
+  }
+  if (mapped.empty()) return {};
+  return point_errors(mapped, moving);
+}
+
 }  // namespace
 
 Landmarks read_landmarks(const EvaluateOptions& options, const Grid& fixed, const std::optional<Image>& moving, const Maps& maps) {
@@ -44,10 +55,12 @@ Landmarks read_landmarks(const EvaluateOptions& options, const Grid& fixed, cons
   return landmarks;
 }
 
-void report_landmarks(const Landmarks& landmarks, const Maps& maps, Json& report) {
+void report_landmarks(const Landmarks& landmarks, const std::vector<Other>& others, const Maps& maps, Json& report) {
   if (landmarks.rows.empty()) return;
   Json& j = report["landmarks"];
   j["before"] = describe(point_errors(landmarks.fixed, landmarks.moving));
+  for (const Other& other : others)
+    if (const auto errors = errors_of(other, landmarks)) j[other.name] = describe(*errors);
   if (maps.there) j["after"] = describe(point_errors(landmarks.mapped, landmarks.moving));
   j["left_out_rows"] = landmarks.left_out;
   if (landmarks.left_out.empty()) return;

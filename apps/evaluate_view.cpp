@@ -8,12 +8,13 @@ constexpr double report_margin_mm = 20;  ///< around what is compared
 
 }  // namespace
 
-ReportView view_of(const Image& fixed, const std::optional<Image>& moving, const std::optional<Image>& warped, const Maps& maps, const Mask& where) {
+ReportView view_of(const Image& fixed, const std::optional<Image>& moving, const std::vector<Other>& others, const std::optional<Image>& warped, const Maps& maps, const Mask& where) {
   ReportView view;
   view.add_space("fixed", view_grid(fixed.grid, report_voxels, &where, report_margin_mm));
   const GreyScale scale = grey_scale_of(fixed);
   view.add_image("fixed", "Fixed image", "fixed", fixed, scale);
   if (moving) view.add_image("before", "Moving image, as it was", "fixed", *moving, scale);
+  for (const Other& other : others) view.add_image(other.name, "Moving image, " + other.name, "fixed", other.warped, scale);
   if (warped) view.add_image("after", "Moving image, registered", "fixed", *warped, scale);
   if (maps.field) add_field(view, maps.field->displacement, intersection(where, maps.field->covered));
   return view;
@@ -30,6 +31,7 @@ Json report_facts(const EvaluateOptions& options, const Image& fixed, const std:
   list("warped", options.warped, &fixed.grid);
   list("transform", options.transform);
   list("inverse-transform", options.inverse_transform);
+  for (const Other& other : parse_others(options.beside)) list(other.name.c_str(), other.file);
   list("mask", options.mask);
   list("fixed-labels", options.fixed_labels);
   list("moving-labels", options.moving_labels);

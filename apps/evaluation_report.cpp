@@ -61,7 +61,7 @@ Json describe(const InverseConsistency& c) {
 }
 
 Json describe(const PointErrors& e) {
-  return {{"points", e.distance_mm.size()}, {"mean_mm", e.mean}, {"median_mm", e.median}, {"percentile_95_mm", e.percentile_95}, {"max_mm", e.maximum}};
+  return {{"points", e.distance_mm.size()}, {"mean_mm", e.mean}, {"median_mm", e.median}, {"percentile_95_mm", e.percentile_95}, {"max_mm", e.maximum}, {"distances_mm", e.distance_mm}};
 }
 
 Json describe(const std::vector<LabelOverlap>& overlap) {

@@ -22,15 +22,20 @@ std::string now() {
   return text;
 }
 
-/// In this order those of which something is known.
+std::string name_of(const std::string& id) {
+  for (const auto& [known, name] : names_of_candidates)
+    if (id == known) return name;
+  return id;
+}
+
+/// In the order of the tables those of which something is known.
 Json candidates_in(const Json& facts) {
   Json list = Json::array();
-  for (const auto& [id, name] : names_of_candidates)
-    for (const char* group : {"edges", "landmarks", "labels"})
-      if (facts.contains(group) && facts[group].contains(id)) {
-        list.push_back({{"id", id}, {"name", name}});
-        break;
-      }
+  for (const char* group : {"edges", "landmarks", "labels"}) {
+    if (!facts.contains(group)) continue;
+    for (const auto& [id, values] : facts[group].items())
+      if (std::none_of(list.begin(), list.end(), [&, key = id](const Json& c) { return c["id"] == key; })) list.push_back({{"id", id}, {"name", name_of(id)}});
+  }
   return list;
 }
 

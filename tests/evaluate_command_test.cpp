@@ -398,6 +398,29 @@ TEST_F(Evaluate, ReportShowsWhatThereIs) {
   EXPECT_FALSE(little.contains("landmarks"));
 }
 
+TEST_F(Evaluate, RegistrationsBesideEachOther) {
+  Strings arguments = everything("-t", file("right.tfm"));
+  arguments.insert(arguments.end(), {"--beside", "the wrong way=" + file("wrong.tfm").string(), "--beside", "again=" + file("right.tfm").string(), "--contour", "sphere=1"});
+  const Json r = report(arguments);
+  const Strings in_order{"before", "the wrong way", "again", "after"};
+  EXPECT_EQ(r["edges"]["again"], r["edges"]["after"]);
+  EXPECT_EQ(r["labels"]["again"], r["labels"]["after"]);
+  EXPECT_EQ(r["landmarks"]["again"], r["landmarks"]["after"]);
+  EXPECT_EQ(r["contours"]["sphere"]["again"], r["contours"]["sphere"]["after"]);
+  EXPECT_EQ(r["beside"]["again"]["jacobian"], r["field"]["jacobian"]);
+  EXPECT_EQ(r["beside"]["again"]["rigidity"], r["rigidity"]);
+  EXPECT_NEAR(r["landmarks"]["the wrong way"]["max_mm"], 2 * norm(shift), 1e-9);
+  EXPECT_GT(r["edges"]["the wrong way"]["hausdorff_all_edges_mm"][3], r["edges"]["before"]["hausdorff_all_edges_mm"][3].get<double>());
+  const Json shown = program::report_data(file("out/report.html"));
+  EXPECT_EQ(program::ids_of(shown["candidates"]), in_order);
+  EXPECT_EQ(program::ids_of(shown["view"]["volumes"]), (Strings{"fixed", "before", "the wrong way", "again", "after", "displacement", "jacobian", "edges"}));
+  expect_refusal(run(with_moving({"-t", file("right.tfm"), "--beside", file("right.tfm")})), usage, {"--beside", "NAME=FILE"});
+  expect_refusal(run(with_moving({"-t", file("right.tfm"), "--beside", "after=" + file("right.tfm").string()})), usage, {"'after'", "choose another"});
+  expect_refusal(run(with_moving({"-t", file("right.tfm"), "--beside", "a=" + file("right.tfm").string(), "--beside", "a=" + file("right.tfm").string()})), usage, {"'a'", "twice"});
+  expect_refusal(run(with_moving({"-t", file("right.tfm"), "--beside", "a=nowhere.nrrd"})), input, {"nowhere.nrrd"});
+  expect_refusal(run({"-w", file("fixed.nrrd"), "--beside", "a=" + file("right.tfm").string()}), usage, {"--moving is missing"});
+}
+
 TEST_F(Evaluate, NoReportWhenItIsNotWanted) {
   fs::remove_all(file("out"));
   report({"-w", file("fixed.nrrd"), "--no-report"});

@@ -1,0 +1,54 @@
+#include <algorithm>
+#include <cctype>
+
+#include "core/error.hpp"
+#include "evaluate.hpp"
+#include "image_io/image_io.hpp"
+
+namespace mtled {
+namespace {
+
+constexpr std::size_t most_others = 5;  ///< that the report can show
+constexpr const char* taken[] = {"fixed", "before", "after"};
+
+void require_name(const std::string& name, const std::string& text, const std::vector<Other>& others) {
+  const bool simple = !name.empty() && std::all_of(name.begin(), name.end(), [](unsigned char c) { return std::isalnum(c) || c == ' ' || c == '-' || c == '_' || c == '.'; });
+  if (!simple) fail(Failure::usage, "--beside ", text, ": write NAME=FILE with a name of letters, digits, spaces and -_. such as B-spline=result/fixed_to_moving.nrrd");
+  if (std::find(std::begin(taken), std::end(taken), name) != std::end(taken)) fail(Failure::usage, "--beside ", text, ": the name '", name, "' is that of the images themselves; choose another one");
+  if (std::any_of(others.begin(), others.end(), [&](const Other& o) { return o.name == name; })) fail(Failure::usage, "--beside ", text, ": the name '", name, "' is there twice; give every registration its own");
+}
+
+}  // namespace
+
+std::vector<Other> parse_others(const std::vector<std::string>& texts) {
+  std::vector<Other> others;
+  if (texts.size() > most_others) fail(Failure::usage, "--beside is there ", texts.size(), " times; at most ", most_others, " registrations are compared at once");
+  for (const std::string& text : texts) {
+    const std::size_t equals = text.find('=');
+    if (equals == std::string::npos || equals + 1 == text.size()) fail(Failure::usage, "--beside ", text, ": write NAME=FILE, such as B-spline=result/fixed_to_moving.nrrd");
+    Other other;
+    other.name = text.substr(0, equals);
+    require_name(other.name, text, others);
+    other.file = text.substr(equals + 1);
+    if (std::filesystem::is_directory(other.file)) other.file /= "fixed_to_moving.nrrd";
+    others.push_back(std::move(other));
+  }
+  return others;
+}
+
+void read_others(std::vector<Other>& others, const Image& moving, const Mask& mask, const LabelMaps& labels, Mask& where, Json& report) {
+  for (Other& other : others) {
+    other.there = read_transform(other.file, "transform '" + other.name + "'");
+    const DenseField field = sample_displacement(other.there, mask.grid);
+    where = intersection(std::move(where), field.covered);
+    Mask inside;
+    other.warped = warp_continued(moving, mask.grid, &field.displacement, inside);
+    where = intersection(std::move(where), inside);
+    Json& j = report["beside"][other.name];
+    j["jacobian"] = describe(jacobian_statistics(field.displacement, intersection(mask, field.covered)));
+    if (labels.moving) other.labels = warp_labels(*labels.moving, field.displacement);
+    if (labels.fixed) j["rigidity"] = describe(label_rigidity(*labels.fixed, field));
+  }
+}
+
+}  // namespace mtled
