@@ -64,7 +64,7 @@ class ReportPage(unittest.TestCase):
         return self.driver.execute_script(script, *arguments)
 
     def wait(self, script, *arguments):
-        for _ in range(200):
+        for _ in range(600):
             if self.js(script, *arguments):
                 return
             time.sleep(0.05)
@@ -373,6 +373,10 @@ class ReportPage(unittest.TestCase):
         x, y, z = ([float(p.replace("−", "-")) for p in self.readout()["Position (LPS)"].rstrip(" m").split(",")])
         start = np.array(sample.ORIGIN) + sample.SPACING * np.array([44, 30, 52])
         self.assertLess(np.abs(np.array([x, y, z]) - start - v).max(), 0.3)  # the tissue that lies at the middle of the fixed image
+        voxel = [round((p - o) / sample.SPACING) - s.start for p, o, s in zip((x, y, z), sample.ORIGIN, sample.CUT[::-1])]
+        self.assertEqual(self.slices(), voxel)
+        kpa = self.phantom.kpa[sample.CUT][tuple(voxel[::-1])]
+        self.assertAlmostEqual(float(self.readout()["Shear modulus"].split()[0]), kpa, delta=5 / 254)
         self.assertEqual(self.js("return document.querySelectorAll('.aside tbody tr').length"), len(self.register["tissue"]["classes"]))
         self.assertIn("≥ 5", self.js("return document.querySelector('.viewer .ticks').textContent"))
         width = self.js("return document.querySelector('canvas[data-plane=sagittal]').width")
