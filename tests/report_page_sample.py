@@ -16,6 +16,7 @@ ORIGIN = (-174.0, -120.0, -90.0)  # mm
 LOW, HIGH = -1000, 400  # HU
 FOLDED = (slice(30, 33), slice(28, 31), slice(50, 53))  # voxels z y x that fold
 KNOWN = (slice(48, 57), slice(18, 27), slice(30, 39))  # voxels z y x of known intensity
+CUT = (slice(4, 100), slice(3, 60), slice(2, 84))  # voxels z y x of the moving image: its grid is another
 KNOWN_HU = {"fixed": 80, "mtled": -20}
 BONE = 12  # label of the vertebrae's block
 
@@ -143,9 +144,9 @@ def view(phantom, names, mechanics=True):
     size = np.linalg.norm(phantom.v, axis=0)
     volumes += [scalar("displacement", "Displacement", size, phantom.body, 0, float(size[phantom.body].max()), "mm"),
                 scalar("jacobian", "Volume ratio", phantom.jacobian, phantom.body, -0.4, 1.4, "moving / fixed", map="diverging", middle=1),
-                grey("moving", "Moving image", phantom.hu["before"], "moving"),
-                {**scalar("shear_modulus", "Shear modulus", phantom.kpa, phantom.hu["before"] > -950, 0, 5, "kPa", open_end=True), "space": "moving"}]
-    made["spaces"]["moving"] = space
+                grey("moving", "Moving image", phantom.hu["before"][CUT], "moving"),
+                {**scalar("shear_modulus", "Shear modulus", phantom.kpa[CUT], phantom.hu["before"][CUT] > -950, 0, 5, "kPa", open_end=True), "space": "moving"}]
+    made["spaces"]["moving"] = {"size": [s.stop - s.start for s in CUT[::-1]], "spacing_mm": SPACING, "origin_mm": [o + SPACING * s.start for o, s in zip(ORIGIN, CUT[::-1])]}
     coarse, step = [n // 4 for n in SIZE], 4
     at = phantom.v[:, ::step, ::step, ::step][:, : coarse[2], : coarse[1], : coarse[0]]
     there = phantom.body[::step, ::step, ::step][: coarse[2], : coarse[1], : coarse[0]]

@@ -85,20 +85,21 @@ class Cloud {
     const { canvas } = this, dpr = devicePixelRatio || 1, [width, height] = [canvas.parentElement.clientWidth, canvas.parentElement.clientHeight].map((n) => Math.max(1, Math.round(n * dpr)));
     Object.assign(canvas, { width, height });
     const pen = canvas.getContext("2d"), image = pen.createImageData(width, height), pixels = new Uint32Array(image.data.buffer), depth = new Float32Array(width * height).fill(Infinity);
-    const scale = (0.59 * Math.min(1.35 * width, height)) / this.radius, [right, down, away] = this.axes(), dot = Math.max(1, Math.round(1.4 * dpr));
+    const scale = (0.59 * Math.min(1.35 * width, height)) / this.radius, [right, down, away] = this.axes(), full = Math.max(1, Math.round(1.4 * dpr));
     const field = this.fields[Number(this.shown)], table = Array.from({ length: 256 }, (_, i) => (field ? mapped(viridis, i / 255) : channels(labelColour(i))));
     const { rest, u, label, deformed, centre: [cx, cy, cz] } = this;
     for (let i = 0; i < this.n; ++i) {
       if (this.bonesOnly && !label[i]) continue;
       const x = rest[3 * i] + deformed * u[3 * i] - cx, y = rest[3 * i + 1] + deformed * u[3 * i + 1] - cy, z = rest[3 * i + 2] + deformed * u[3 * i + 2] - cz;
-      const far = away[0] * x + away[1] * y + away[2] * z;
+      const far = away[0] * x + away[1] * y + away[2] * z, inside = !field && !label[i];
+      const dot = inside ? full >> 1 : full, order = inside ? far + 3 * this.radius : far; // coloured by label, bones show through soft tissue
       const px = Math.round(width / 2 + scale * (right[0] * x + right[1] * y + right[2] * z)), py = Math.round(height / 2 + scale * (down[0] * x + down[1] * y + down[2] * z));
-      const colour = table[field ? Math.round(255 * Math.min(field.at(i), 1)) : label[i]], light = 0.72 - 0.28 * (far / this.radius);
+      const colour = table[field ? Math.round(255 * Math.min(field.at(i), 1)) : label[i]], light = 0.86 - 0.14 * (far / this.radius);
       const pixel = packed(Math.min(255, colour[0] * light), Math.min(255, colour[1] * light), Math.min(255, colour[2] * light));
       for (let v = Math.max(0, py - dot); v <= Math.min(height - 1, py + dot); ++v)
         for (let h = Math.max(0, px - dot); h <= Math.min(width - 1, px + dot); ++h)
-          if (far < depth[v * width + h]) {
-            depth[v * width + h] = far;
+          if (order < depth[v * width + h]) {
+            depth[v * width + h] = order;
             pixels[v * width + h] = pixel;
           }
     }
@@ -108,8 +109,8 @@ class Cloud {
 
   /** The patient's axes in the corner. */
   triad(pen, dpr, right, down) {
-    const [x, y, length] = [44 * dpr, pen.canvas.height - 44 * dpr, 24 * dpr], ink = getComputedStyle(this.canvas).color;
-    pen.strokeStyle = pen.fillStyle = ink;
+    const [x, y, length] = [44 * dpr, pen.canvas.height - 44 * dpr, 24 * dpr];
+    pen.strokeStyle = pen.fillStyle = "#76828e"; // readable on light and dark
     pen.lineWidth = 1.5 * dpr;
     pen.font = `600 ${12 * dpr}px system-ui, sans-serif`;
     pen.textAlign = "center";

@@ -2,7 +2,8 @@ const problems = [];
 
 /** Shows what went wrong at the top of the page, and records it in data-errors of the root element. */
 function showProblem(where, error) {
-  problems.push(`${where}: ${error && error.message ? error.message : error}`);
+  const problem = `${where}: ${error?.message ?? error}`;
+  if (!problems.includes(problem)) problems.push(problem);
   document.documentElement.dataset.errors = JSON.stringify(problems);
   const box = document.getElementById("errors");
   box.hidden = false;

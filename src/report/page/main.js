@@ -5,7 +5,6 @@ function themeButton() {
   const made = button(label(), () => {
     root.dataset.theme = dark() ? "light" : "dark";
     made.textContent = label();
-    dispatchEvent(new Event("themechange"));
   }, { class: "small", id: "theme" });
   return made;
 }

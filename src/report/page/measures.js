@@ -11,7 +11,7 @@ function edgesSection(report) {
     const key = state.all ? "hausdorff_1_to_100_all_edges_mm" : "hausdorff_1_to_100_mm", at = state.all ? "hausdorff_all_edges_mm" : "hausdorff_mm";
     const series = candidates.map((c) => ({ name: c.name, style: seriesIndex(report.candidates, c.id), every: 10, direct: true, points: (report.edges[c.id][key] ?? []).map((mm, i) => [i + 1, mm]) }));
     const high = Math.max(1, ...series.flatMap((s) => s.points.map((p) => p[1])).filter(known)), y = state.log ? symlog(high * 1.1) : linear(0, high * 1.05);
-    const percents = first.percent ?? [60, 75, 85, 95];
+    const percents = first.percent?.every(known) ? first.percent : [60, 75, 85, 95];
     place.replaceChildren(
       lineChart({ label: `Hausdorff distance over percentile, ${state.all ? "all" : "consistent"} edges`, height: 380, x: { ...linear(0, 100), title: "Percentile of edge voxels [%]", marks: [0, 20, 40, ...percents, 100] },
         y: { ...y, title: `Hausdorff distance [mm], ${state.all ? "all edges" : "consistent edges"}` }, series,
@@ -88,7 +88,7 @@ const deviationMark = (rms) => (!known(rms) ? null : rms > largestGoodDeviation 
 function fieldSection(report) {
   const { jacobian: j, inverse_consistency: inverse } = report;
   const ratio = j ? [element("h3", {}, "Volume ratio det J"), facts([
-    ["Folded voxels", element("span", {}, mark(j.folded_voxels > 0 ? "bad" : "good", count(j.folded_voxels))), "Voxels where det J is not positive"],
+    ["Folded voxels", known(j.folded_voxels) ? mark(j.folded_voxels > 0 ? "bad" : "good", count(j.folded_voxels)) : "–", "Voxels where det J is not positive"],
     ["Voxels judged", known(j.voxels) ? count(j.voxels) : null],
     ["Smallest", decimals(j.min, 3)], ["1 %", decimals(j.percentile_1, 3)], ["Median", decimals(j.median, 3)], ["99 %", decimals(j.percentile_99, 3)], ["Largest", decimals(j.max, 3)],
     ["SD of log det J", decimals(j.sd_log, 3), "Standard deviation of the logarithm where det J is positive"],

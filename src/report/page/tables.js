@@ -1,6 +1,6 @@
 /** A table in a box that scrolls sideways by itself. columns: {name, unit, group, text (left aligned), show(row), title}; neighbours with the same group share a heading. */
 function dataTable(caption, columns, rows, { foot = null, rowClass = () => "" } = {}) {
-  const heading = (column) => element("th", { scope: "col", class: column.text ? "text" : "", title: column.title }, column.key ?? null, column.name, column.unit ? element("small", {}, ` ${column.unit}`) : null);
+  const heading = (column) => element("th", { scope: "col", class: column.text ? "text" : "", title: column.title }, column.name, column.unit ? element("small", {}, ` ${column.unit}`) : null);
   const grouped = columns.some((c) => c.group), top = [];
   for (const column of columns) {
     if (column.group && top.at(-1)?.group === column.group) ++top.at(-1).span;
@@ -27,6 +27,3 @@ const mean = (values) => {
   const there = values.filter(known);
   return there.length ? there.reduce((a, b) => a + b, 0) / there.length : null;
 };
-
-/** The heading of a candidate's column. */
-const candidateColumn = (report, candidate, column) => ({ name: candidate.name, key: seriesKey(seriesIndex(report.candidates, candidate.id)), ...column });

@@ -11,12 +11,12 @@ class Viewer {
     this.ratios = ratioRanges(this.volumes.jacobian?.data, report.jacobian);
     const last = this.candidates.at(-1)?.id ?? null, lead = this.volumes.fixed ?? this.grey[0];
     this.edgesShown = new Set(this.edgeSets.filter((id) => id !== "rigid" || !this.edgeSets.some((other) => edgeRole(other) === "registered")));
-    const range = lead ? lead.data.high - lead.data.low : 1;
+    const window = lead?.data.windows?.[0] ?? lead?.data, range = lead ? lead.data.high - lead.data.low : 1;
     this.reaches = [0.05, 0.1, 0.2, 0.5, 1].map((part) => Number((part * range).toPrecision(1)));
     Object.assign(this, {
       image: lead?.id, candidate: last, sideBySide: true, colourSafe: false, flickered: false, rate: 1, tile: 30, reach: this.reaches[2],
       playing: !matchMedia("(prefers-reduced-motion: reduce)").matches, opacity: 0.6, ratio: this.ratios.fitting, arrowsShown: true, crosshair: true, zoom: 1, enlarged: null,
-      window: lead ? this.windowOf(lead, 0) : { low: 0, high: 1 }, positions: {}, wait: null,
+      window: { low: window?.low, high: window?.high }, positions: {}, wait: null,
     });
     for (const [id, { size, spacing_mm: s, origin_mm: o }] of Object.entries(spaces)) this.positions[id] = size.map((n, a) => o[a] + s * Math.floor(n / 2));
     this.modes = Object.entries(modes).filter(([, mode]) => mode.ready(this));
@@ -34,11 +34,6 @@ class Viewer {
 
   nameOf(id) {
     return (this.report.candidates ?? []).find((c) => c.id === id)?.name ?? this.volumes[id]?.name ?? { fixed: "Fixed", before: "Before", rigid: "Rigid" }[id] ?? id;
-  }
-
-  windowOf(volume, index) {
-    const { low, high } = volume.data.windows?.[index] ?? volume.data;
-    return { low, high };
   }
 
   /** The candidates of the rows of planes; [null] when there is one row. */
