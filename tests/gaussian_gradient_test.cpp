@@ -40,6 +40,8 @@ std::vector<float> derivative_of_itk(const Image& image, double sigma_mm, int ax
   return derivative;
 }
 
+std::vector<float> values(const std::unique_ptr<float[]>& volume, const Grid& grid) { return {volume.get(), volume.get() + grid.count()}; }
+
 TEST(GaussianGradient, IsThatOfItkToTheLastBit) {
   for (const std::array<int, 3>& size : {std::array{37, 20, 18}, std::array{16, 4, 5}, std::array{5, 33, 1}}) {
     const Image image = noise(size);
@@ -47,11 +49,11 @@ TEST(GaussianGradient, IsThatOfItkToTheLastBit) {
       const Gradient g = gaussian_gradient(image, sigma_mm);
       for (int a = 0; a < 3; ++a)
         if (size[std::size_t(a)] >= 4) {
-          EXPECT_EQ(g.along[a].data, derivative_of_itk(image, sigma_mm, a)) << size[0] << " voxels, " << sigma_mm << " mm, axis " << a;
+          EXPECT_EQ(values(g.along[a], image.grid), derivative_of_itk(image, sigma_mm, a)) << size[0] << " voxels, " << sigma_mm << " mm, axis " << a;
         }
       for (std::size_t v = 0; v < image.data.size(); ++v) {
-        const float x = g.along[0].data[v], y = g.along[1].data[v], z = g.along[2].data[v];
-        ASSERT_EQ(g.magnitude.data[v], std::sqrt(x * x + y * y + z * z));
+        const float x = g.along[0][v], y = g.along[1][v], z = g.along[2][v];
+        ASSERT_EQ(g.magnitude[v], std::sqrt(x * x + y * y + z * z));
       }
     }
   }
@@ -65,13 +67,13 @@ TEST(GaussianGradient, OfARampIsItsSlope) {
   const Gradient g = gaussian_gradient(ramp, 1.5);
   constexpr double far_from_the_border = 1e-3;  // ten sigma: what is left of the border, of the approximation and of single precision
   const double expected[] = {3, -2, 5};
-  for (int a = 0; a < 3; ++a) EXPECT_NEAR(g.along[a].at(20, 15, 12), expected[a], far_from_the_border);
+  for (int a = 0; a < 3; ++a) EXPECT_NEAR(g.along[a][ramp.grid.offset(20, 15, 12)], expected[a], far_from_the_border);
 }
 
 TEST(GaussianGradient, AxesOfFewVoxelsAreNotDifferentiated) {
   const Gradient g = gaussian_gradient(noise({20, 3, 12}), 2);
-  for (const float v : g.along[1].data) EXPECT_EQ(v, 0);
-  EXPECT_GT(g.magnitude.at(10, 1, 6), 0);
+  for (const float v : values(g.along[1], g.grid)) EXPECT_EQ(v, 0);
+  EXPECT_GT(g.magnitude[g.grid.offset(10, 1, 6)], 0);
 }
 
 }  // namespace

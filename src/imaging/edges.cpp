@@ -10,12 +10,12 @@
 namespace mtled {
 namespace {
 
-/// Trilinear value at a continuous index; false outside the voxel centres.
-bool value_at_index(const Image& image, const Vec3d& index, double& value) {
+/// Trilinear value of the gradient's magnitude at a continuous index; false outside the voxel centres.
+bool magnitude_at_index(const Gradient& g, const Vec3d& index, double& value) {
   int low[3], high[3];
   double t[3];
   for (int a = 0; a < 3; ++a) {
-    const int last = image.grid.size[a] - 1;
+    const int last = g.grid.size[a] - 1;
     if (!(index[a] >= 0 && index[a] <= last)) return false;
     low[a] = int(index[a]);
     high[a] = std::min(low[a] + 1, last);
@@ -25,7 +25,7 @@ bool value_at_index(const Image& image, const Vec3d& index, double& value) {
   for (int corner = 0; corner < 8; ++corner) {
     const bool i = corner & 1, j = corner & 2, k = corner & 4;
     value += (i ? t[0] : 1 - t[0]) * (j ? t[1] : 1 - t[1]) * (k ? t[2] : 1 - t[2]) *
-             image.at(i ? high[0] : low[0], j ? high[1] : low[1], k ? high[2] : low[2]);
+             g.magnitude[g.grid.offset(i ? high[0] : low[0], j ? high[1] : low[1], k ? high[2] : low[2])];
   }
   return true;
 }
@@ -36,16 +36,16 @@ bool is_ridge(const Gradient& g, int i, int j, int k, std::size_t voxel) {
   Vec3d step;
   double largest = 0;
   for (int a = 0; a < 3; ++a) {
-    step[a] = g.along[a].data[voxel] / g.magnitude.grid.spacing[a];
+    step[a] = g.along[a][voxel] / g.grid.spacing[a];
     largest = std::max(largest, std::abs(step[a]));
   }
   if (largest == 0) return false;
   step = (1 / largest) * step;
   const Vec3d here{double(i), double(j), double(k)};
   double ahead, behind;
-  if (!value_at_index(g.magnitude, here + step, ahead) || !value_at_index(g.magnitude, here - step, behind))
+  if (!magnitude_at_index(g, here + step, ahead) || !magnitude_at_index(g, here - step, behind))
     return false;
-  const double m = g.magnitude.data[voxel];
+  const double m = g.magnitude[voxel];
   return m > ahead && m >= behind;
 }
 
@@ -92,7 +92,7 @@ Mask canny_edges(const Image& image, const CannyOptions& options, const Mask* wh
   const Gradient g = gaussian_gradient(image, options.sigma_mm);
   Mask state(image.grid);
   for_each_voxel(image.grid, [&](int i, int j, int k, std::size_t v) {
-    const float magnitude = g.magnitude.data[v];
+    const float magnitude = g.magnitude[v];
     if ((where && !where->data[v]) || magnitude < options.lower_threshold || !is_ridge(g, i, j, k, v)) return;
     state.data[v] = magnitude >= options.upper_threshold ? edge : candidate;
   });

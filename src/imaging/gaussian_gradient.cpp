@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <memory>
 #include <vector>
 
 #include "core/parallel.hpp"
@@ -108,7 +109,8 @@ void for_each_group(int count, const Work& work) {
 }  // namespace
 
 Gradient gaussian_gradient(const Image& image, double sigma_mm) {
-  Gradient g{{Image(image.grid), Image(image.grid), Image(image.grid)}, Image(image.grid)};
+  const auto volume = [&] { return std::make_unique_for_overwrite<float[]>(image.grid.count()); };
+  Gradient g{image.grid, {volume(), volume(), volume()}, volume()};
   const auto& n = image.grid.size;
   Coefficients smooth[3], slope[3];
   float per_mm[3];  // the filter differentiates by index
@@ -132,10 +134,10 @@ Gradient gaussian_gradient(const Image& image, double sigma_mm) {
         for_each_group(n[0], [&](std::size_t i, int used) {
           const std::size_t first = k * slice + i;
           lines.load(differentiated.data() + i, n[1], row, 1, used);
-          lines.filter(smooth[1], g.along[0].data.data() + first, row, 1, used);
+          lines.filter(smooth[1], &g.along[0][first], row, 1, used);
           lines.load(smoothed.data() + i, n[1], row, 1, used);
-          lines.filter(slope[1], g.along[1].data.data() + first, row, 1, used);
-          lines.filter(smooth[1], g.along[2].data.data() + first, row, 1, used);
+          lines.filter(slope[1], &g.along[1][first], row, 1, used);
+          lines.filter(smooth[1], &g.along[2][first], row, 1, used);
         });
       },
       1);
@@ -146,18 +148,18 @@ Gradient gaussian_gradient(const Image& image, double sigma_mm) {
         for_each_group(n[0], [&](std::size_t i, int used) {
           const std::size_t first = j * row + i;
           for (int a = 0; a < 3; ++a) {
-            lines.load(g.along[a].data.data() + first, n[2], slice, 1, used);
-            lines.filter(a == 2 ? slope[2] : smooth[2], g.along[a].data.data() + first, slice, 1, used);
+            lines.load(&g.along[a][first], n[2], slice, 1, used);
+            lines.filter(a == 2 ? slope[2] : smooth[2], &g.along[a][first], slice, 1, used);
           }
           for (std::size_t k = 0; k < std::size_t(n[2]); ++k)
             for (std::size_t v = first + k * slice; v < first + k * slice + std::size_t(used); ++v) {
               float squares = 0;
               for (int a = 0; a < 3; ++a) {
-                float& component = g.along[a].data[v];
+                float& component = g.along[a][v];
                 component *= per_mm[a];
                 squares += component * component;
               }
-              g.magnitude.data[v] = std::sqrt(squares);
+              g.magnitude[v] = std::sqrt(squares);
             }
         });
       },

@@ -1,11 +1,15 @@
 #pragma once
+#include <memory>
+
 #include "core/volume.hpp"
 
 namespace mtled {
 
+/// Four numbers per voxel of `grid`, whose memory is first touched by the threads that compute them.
 struct Gradient {
-  Image along[3];   ///< [intensity/mm] components along the grid's axes
-  Image magnitude;  ///< [intensity/mm]
+  Grid grid;
+  std::unique_ptr<float[]> along[3];   ///< [intensity/mm] components along the grid's axes
+  std::unique_ptr<float[]> magnitude;  ///< [intensity/mm]
 };
 
 /// Gradient of the image smoothed by a Gaussian of `sigma_mm` > 0, by the recursive filters of ITK (Farneback & Westin

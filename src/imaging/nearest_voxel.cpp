@@ -1,6 +1,8 @@
 #include "imaging/nearest_voxel.hpp"
 
+#include <algorithm>
 #include <limits>
+#include <vector>
 
 #include "core/error.hpp"
 #include "core/parallel.hpp"
@@ -60,7 +62,7 @@ class Envelope {
 
 }  // namespace
 
-NearestVoxel::NearestVoxel(const Mask& marked) : grid_(marked.grid), nearest_(marked.data.size(), {no_voxel, no_voxel}) {
+NearestVoxel::NearestVoxel(const Mask& marked) : grid_(marked.grid), nearest_(std::make_unique_for_overwrite<InSlice[]>(marked.data.size())) {
   const int ni = grid_.size[0], nj = grid_.size[1];
   require(ni < no_voxel && nj < no_voxel, "a slice of ", ni, " x ", nj, " voxels is too large for distances between edges; resample the image");
   const double squared_ratio = square(grid_.spacing.x / grid_.spacing.y);
@@ -75,7 +77,10 @@ NearestVoxel::NearestVoxel(const Mask& marked) : grid_(marked.grid), nearest_(ma
           envelope.clear();
           for (std::size_t j = 0; j < std::size_t(nj); ++j)
             if (const std::uint16_t near = in_row[j * row + i]; near != no_voxel) envelope.add(int(j), squared_ratio * square(near - int(i)));
-          if (envelope.empty()) return;  // and so is every column
+          if (envelope.empty()) {  // and so is every column
+            std::fill_n(&nearest_[k * slice], slice, InSlice{no_voxel, no_voxel});
+            return;
+          }
           envelope.walk(nj, [&](int j, int at) { nearest_[k * slice + std::size_t(j) * row + i] = {in_row[std::size_t(at) * row + i], std::uint16_t(at)}; });
         }
       },

@@ -1,7 +1,7 @@
 #pragma once
 #include <array>
 #include <cstdint>
-#include <vector>
+#include <memory>
 
 #include "core/volume.hpp"
 
@@ -30,7 +30,7 @@ class NearestVoxel {
     std::uint16_t i, j;
   };
   Grid grid_;
-  std::vector<InSlice> nearest_;  ///< per voxel, in its slice; no_voxel where the slice has none
+  std::unique_ptr<InSlice[]> nearest_;  ///< per voxel, in its slice; no_voxel where the slice has none
 };
 
 }  // namespace mtled
