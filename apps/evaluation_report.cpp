@@ -68,7 +68,8 @@ Json describe(const std::vector<LabelOverlap>& overlap) {
   Json j = Json::array();
   for (const LabelOverlap& o : overlap)
     j.push_back({{"label", o.label}, {"voxels", {o.voxels_a, o.voxels_b}}, {"dice", o.dice}, {"hausdorff_95_mm", number_or_null(o.hausdorff95_mm)}, {"hausdorff_95_pooled_mm", number_or_null(o.hausdorff95_pooled_mm)},
-                 {"hausdorff_95_learn2reg_mm", number_or_null(o.hausdorff95_learn2reg_mm)}, {"average_surface_distance_mm", number_or_null(o.average_surface_distance_mm)}});
+                 {"hausdorff_95_learn2reg_mm", number_or_null(o.hausdorff95_learn2reg_mm)}, {"average_surface_distance_mm", number_or_null(o.average_surface_distance_mm)},
+                 {"surface_area_mm2", {number_or_null(o.surface_area_a_mm2), number_or_null(o.surface_area_b_mm2)}}});
   return j;
 }
 

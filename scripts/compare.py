@@ -2,7 +2,7 @@
 """Registers a pair rigidly, with B-splines, with mechanics, and with B-splines after mechanics, and judges all alike.
 
 usage: scripts/compare.py --moving M --fixed F --moving-labels VM --output DIR [--fixed-labels VF] [--landmarks L]
-                          [--program build/bin/mtled] [-- further options of `mtled register`]
+                          [--baseline-config TOML] [--program build/bin/mtled] [-- further options of `mtled register`]
 
 Each registration goes into a folder of its own under DIR and is judged by `mtled evaluate` in one mask, the body that
 mechanics deformed. Writes DIR/comparison.md (a table and the commands) and, where matplotlib is installed,
@@ -19,6 +19,7 @@ for name in ("moving", "fixed", "moving-labels", "output"):
     parser.add_argument("--" + name, required=True)
 parser.add_argument("--fixed-labels")
 parser.add_argument("--landmarks", help="CSV with mx,my,mz,fx,fy,fz")
+parser.add_argument("--baseline-config", help="settings of `mtled baseline`, a TOML file")
 parser.add_argument("--program", default="build/bin/mtled")
 a = parser.parse_args(arguments)
 out = pathlib.Path(a.output)
@@ -37,11 +38,12 @@ def run(*command):
 images = ["--moving", a.moving, "--fixed", a.fixed]
 labels = ["--fixed-labels", a.fixed_labels] if a.fixed_labels else []
 landmarks = ["--landmarks", a.landmarks] if a.landmarks else []
+baseline = ["--config", a.baseline_config] if a.baseline_config else []
 ways = {
     "mechanics": ["register", *images, "--moving-labels", a.moving_labels, *labels, *landmarks, *further],
-    "rigid": ["baseline", "rigid", *images],
-    "B-spline": ["baseline", "bspline", *images],
-    "mechanics, then B-spline": ["baseline", "bspline", *images, "--start", out / "mechanics"],
+    "rigid": ["baseline", "rigid", *images, *baseline],
+    "B-spline": ["baseline", "bspline", *images, *baseline],
+    "mechanics, then B-spline": ["baseline", "bspline", *images, "--start", out / "mechanics", *baseline],
 }
 reports = {}
 for name, command in ways.items():

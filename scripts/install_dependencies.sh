@@ -4,13 +4,16 @@ set -euo pipefail
 
 usage() {
   cat <<'EOF'
-usage: scripts/install_dependencies.sh [--check | --list]
+usage: scripts/install_dependencies.sh [--with-references] [--check | --list]
 
 Installs the Debian packages that mtled needs and that are not there yet (apt-get, with sudo when not root).
 Does nothing, and needs no network, when all are there.
 
-  --check   install nothing; name the missing packages and exit 1 if there are any
-  --list    print the names of all packages and exit
+  --with-references   also what some tests compare mtled with or look at its reports with: SciPy, scikit-image, Matplotlib,
+                      Chromium and Selenium from Debian; SimpleITK and surface-distance from PyPI into build/references,
+                      whose Python the tests then use. Without them those tests are skipped, and say so.
+  --check             install nothing; name the missing packages and exit 1 if there are any
+  --list              print the names of all packages and exit
 EOF
 }
 
@@ -24,14 +27,25 @@ packages=(
   python3-meshio                                                      # scripts/mesh_to_case.py and its test
 )
 
-mode=install
-case "${1:-}" in
-  "") ;;
-  --check) mode=check ;;
-  --list) printf '%s\n' "${packages[@]}"; exit 0 ;;
-  -h|--help) usage; exit 0 ;;
-  *) usage >&2; exit 2 ;;
-esac
+reference_packages=(
+  python3-scipy python3-skimage python3-matplotlib python3-venv       # tests/evaluate_reference_test.py, scripts/compare.py
+  chromium chromium-driver python3-selenium python3-pil               # tests/report_page_test.py: report.html in a browser
+)
+pypi_packages=(SimpleITK surface-distance)                            # tests/evaluate_reference_test.py; not in Debian 12
+references="$(dirname "$0")/../build/references"
+
+mode=install with_references=no
+while [[ $# -gt 0 ]]; do
+  case "$1" in
+    --with-references) with_references=yes; packages+=("${reference_packages[@]}") ;;
+    --check) mode=check ;;
+    --list) mode=list ;;
+    -h|--help) usage; exit 0 ;;
+    *) usage >&2; exit 2 ;;
+  esac
+  shift
+done
+[[ $mode != list ]] || { printf '%s\n' "${packages[@]}"; exit 0; }
 
 stop() { printf 'install_dependencies: %s\n' "$*" >&2; exit 1; }
 
@@ -45,7 +59,16 @@ for package in "${packages[@]}"; do
   status=$(dpkg-query --show --showformat='${db:Status-Status}' "$package" 2>/dev/null || true)
   [[ $status == installed ]] || { [[ $package == python3-numpy ]] && python3 -c 'import numpy' 2>/dev/null; } || missing+=("$package")
 done
-[[ ${#missing[@]} -gt 0 ]] || { echo "all ${#packages[@]} packages are installed"; exit 0; }
+
+# A Python that sees Debian's packages and, beside them, those of PyPI.
+install_references() {
+  [[ $with_references == yes && $mode == install ]] || return 0
+  if "$references/bin/python3" -c 'import SimpleITK, surface_distance' 2>/dev/null; then return 0; fi
+  /usr/bin/python3 -m venv --system-site-packages "$references"
+  "$references/bin/python3" -m pip install --disable-pip-version-check "${pypi_packages[@]}" ||
+    stop "pip failed. Is this machine offline? Missing from PyPI: ${pypi_packages[*]}"
+}
+[[ ${#missing[@]} -gt 0 ]] || { install_references; echo "all ${#packages[@]} packages are installed"; exit 0; }
 echo "missing: ${missing[*]}"
 [[ $mode == install ]] || exit 1
 
@@ -60,3 +83,4 @@ install_missing() {
 # The package lists of a fresh machine are often empty or old: fetch them, and go on with the old ones if that fails.
 "${as_root[@]}" apt-get update || echo "install_dependencies: the package lists could not be fetched; trying with those at hand" >&2
 install_missing || stop "apt-get failed. Is this machine offline, or its Debian older than 12? Missing: ${missing[*]}"
+install_references

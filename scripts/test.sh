@@ -12,7 +12,8 @@ Examples: scripts/test.sh -- -R warp              only tests with "warp" in thei
           scripts/test.sh -- -L verification      only the comparison with the reference solutions
 
 Tests that need large data which the repository does not hold are skipped, and say so, unless the environment variable
-MTLED_SHARED_DATA names the folder that has them.
+MTLED_SHARED_DATA names the folder that has them. So are tests that compare mtled with other programs or open its report
+in a browser, unless scripts/install_dependencies.sh --with-references has installed these.
 EOF
 }
 

@@ -211,6 +211,9 @@ TEST_F(Evaluate, TheDifferenceFromAReferenceTransform) {
   EXPECT_EQ(table.substr(0, 30), "percent,difference_mm\n1,8.9442");
   EXPECT_EQ(std::count(table.begin(), table.end(), '\n'), 101);
   EXPECT_NE(printed.find("difference from the reference: median 8.944"), std::string::npos) << printed;
+  const Json figures = program::report_data(file("out/report.html"))["figures"];
+  ASSERT_EQ(figures.size(), 1u);
+  EXPECT_EQ(figures[0]["picture"].get<std::string>().substr(0, 22), "data:image/png;base64,");
   check(report(with_moving({"--inverse-transform", file("wrong.tfm"), "--reference-inverse-transform", file("right.tfm")})), grid.count());
   Mask half(grid);
   fill(half, [](const Vec3d& y) { return std::uint8_t(y.x > 0); });

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Compares `mtled evaluate` with SimpleITK, SciPy and scikit-image on the same images. Exit 77: skipped, one is missing."""
+"""Compares `mtled evaluate` with SimpleITK, SciPy, scikit-image and surface-distance on the same images. Exit 77: skipped, one is missing."""
 import json
 import pathlib
 import subprocess
@@ -15,8 +15,9 @@ try:
     from scipy import ndimage
     from scipy.spatial import cKDTree
     from skimage import feature, metrics
+    import surface_distance
 except ImportError as error:
-    print(f"SKIPPED: the comparison of evaluate with other programs needs SimpleITK, SciPy and scikit-image ({error})")
+    print(f"SKIPPED: the comparison of evaluate with other programs needs SimpleITK, SciPy, scikit-image and surface-distance ({error}); scripts/install_dependencies.sh --with-references installs them")
     sys.exit(77)
 
 ROUNDING = 1e-6  # of numbers that both compute in double precision from the same voxels
@@ -92,6 +93,29 @@ class Evaluate(unittest.TestCase):
             self.assertAlmostEqual(entry["average_surface_distance_mm"], np.r_[ab, ba].mean(), delta=ROUNDING)
             distance = ndimage.distance_transform_edt(~surfaces[1], sampling=SPACING[::-1])[surfaces[0]]
             self.assertAlmostEqual(np.percentile(distance, 95), np.percentile(ab, 95), delta=ROUNDING)
+
+    def test_surface_distances_by_area(self):
+        """Learn2Reg's distance, also where a label touches the end of the image, and of many shapes at once."""
+        speckles = np.random.default_rng(8).random(self.labels.shape) < 0.5  # all kinds of cells
+        boxes = np.zeros(self.labels.shape, int)
+        boxes[:12, :20, :17] = 1
+        boxes[15:, 25:, 22:] = np.where(speckles, 2, 0)[15:, 25:, 22:]
+        boxes[4:9, 30:40, 3:15] = 3
+        for name, other in (("moved", np.roll(boxes, (3, -2, 1), (0, 1, 2))), ("others", self.labels), ("eroded", boxes * ndimage.binary_erosion(boxes > 0))):
+            self.write("fixed_labels.nrrd", image_of(boxes, np.uint8))
+            self.write("warped_labels.nrrd", image_of(other, np.uint8))
+            labels = self.evaluate("-w", "fixed.nrrd", "--fixed-labels", "fixed_labels.nrrd", "--warped-labels", "warped_labels.nrrd", "--no-report")["labels"]["after"]
+            self.assertEqual(len(labels), 3)
+            for entry in labels:
+                masks = [array == entry["label"] for array in (boxes, other)]
+                surfaces = surface_distance.compute_surface_distances(*masks, SPACING[::-1])
+                for mine, key in zip(entry["surface_area_mm2"], ("surfel_areas_pred", "surfel_areas_gt")):
+                    self.assertAlmostEqual(mine, surfaces[key].sum(), delta=ROUNDING * max(1, mine), msg=f"{name}, label {entry['label']}")
+                if not masks[1].any():
+                    self.assertIsNone(entry["hausdorff_95_learn2reg_mm"])
+                    continue
+                expected = surface_distance.compute_robust_hausdorff(surfaces, 95)
+                self.assertAlmostEqual(entry["hausdorff_95_learn2reg_mm"], expected, delta=ROUNDING, msg=f"{name}, label {entry['label']}")
 
     def test_edges_and_their_percentile_hausdorff_distances(self):
         report = self.evaluate("-m", "moving.nrrd", "-w", "fixed.nrrd", "--canny-sigma", "2.4")

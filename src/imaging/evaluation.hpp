@@ -71,6 +71,7 @@ struct LabelOverlap {
   double hausdorff95_pooled_mm = 0;        ///< the same percentile of both directions' distances together (MedPy)
   double hausdorff95_learn2reg_mm = 0;     ///< the 95th percentile by area of the distance between surface elements, max of both
                                            ///< directions (see hausdorff_by_area()); NaN too in images of a single slice
+  double surface_area_a_mm2 = 0, surface_area_b_mm2 = 0;  ///< of the same elements; NaN in images of a single slice
   double average_surface_distance_mm = 0;  ///< mean of both directions' distances together
 };
 /// Per label that occurs in either image, ascending; both on the same grid (input error otherwise).

@@ -14,6 +14,8 @@
 namespace mtled {
 namespace {
 
+constexpr double no_value = std::numeric_limits<double>::quiet_NaN();
+
 struct Region {
   std::size_t voxels = 0;
   std::vector<Vec3d>
@@ -57,6 +59,12 @@ std::map<int, Region> regions_of(const LabelImage& labels) {
   return regions;
 }
 
+double area_of(const std::vector<SurfaceElement>& elements) {
+  double sum = 0;
+  for (const SurfaceElement& element : elements) sum += element.area;
+  return sum;
+}
+
 std::vector<double> directed_distances(const std::vector<Vec3d>& from, const std::vector<Vec3d>& to) {
   const NearestPoint nearest(to);
   std::vector<double> distances(from.size());
@@ -66,7 +74,7 @@ std::vector<double> directed_distances(const std::vector<Vec3d>& from, const std
 
 /// Distances between two surfaces; without voxels there are none.
 void compare_surfaces(const Region& a, const Region& b, LabelOverlap& overlap) {
-  overlap.hausdorff95_mm = overlap.hausdorff95_pooled_mm = overlap.average_surface_distance_mm = std::numeric_limits<double>::quiet_NaN();
+  overlap.hausdorff95_mm = overlap.hausdorff95_pooled_mm = overlap.average_surface_distance_mm = no_value;
   if (a.surface.empty() || b.surface.empty()) return;
   std::vector<double> ab = directed_distances(a.surface, b.surface), ba = directed_distances(b.surface, a.surface);
   overlap.hausdorff95_mm = std::max(percentile(ab, 95), percentile(ba, 95));
@@ -95,6 +103,7 @@ std::vector<LabelOverlap> label_overlap(const LabelImage& a, const LabelImage& b
     const Region& in_b = regions_b[label];
     LabelOverlap overlap{.label = label, .dice = 2 * double(shared[label]) / double(in_a.voxels + in_b.voxels), .voxels_a = in_a.voxels, .voxels_b = in_b.voxels};
     compare_surfaces(in_a, in_b, overlap);
+    overlap.surface_area_a_mm2 = volume ? area_of(elements_a[label]) : no_value, overlap.surface_area_b_mm2 = volume ? area_of(elements_b[label]) : no_value;
     overlap.hausdorff95_learn2reg_mm = hausdorff_by_area(elements_a[label], elements_b[label], 95);
     result.push_back(overlap);
   }
