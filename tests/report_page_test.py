@@ -9,12 +9,13 @@ import os
 import pathlib
 import re
 import shutil
+import subprocess
 import sys
 import tempfile
 import time
 import unittest
 
-sys.argv[1:2] = []  # the program, which this test does not need
+PROGRAM = sys.argv.pop(1)
 
 try:
     import numpy as np
@@ -31,6 +32,7 @@ if not BROWSER or not DRIVER:
 
 GREY_ROUNDING = 1  # of 255: a window of a decoded byte, resampled by the browser
 COLOUR_ROUNDING = 3  # of 255: a colour of 256 on the bar beside one of 254 values
+READOUT = 0.5  # mm: vectors of a coarse grid, between its nodes
 CONTRAST = 4.5  # WCAG AA for text
 SIZES = {"desktop": (1400, 1000, 1), "telephone": (390, 844, 2)}
 MODES = ["images", "edges", "flicker", "checkerboard", "difference", "displacement", "jacobian", "shear"]
@@ -47,12 +49,13 @@ def browser():
     return webdriver.Chrome(service=Service(DRIVER), options=options)
 
 
-class ReportPage(unittest.TestCase):
+class Page(unittest.TestCase):
+    """A page in the browser, and ways to use it and to look at it."""
+
     @classmethod
     def setUpClass(cls):
         cls.scratch = tempfile.TemporaryDirectory()
         cls.phantom = sample.Phantom()
-        cls.register = sample.register_report(cls.phantom)
         cls.driver = browser()
 
     @classmethod
@@ -75,10 +78,12 @@ class ReportPage(unittest.TestCase):
         media = [{"name": "prefers-color-scheme", "value": theme}, {"name": "prefers-reduced-motion", "value": motion}]
         self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", {"width": width, "height": height, "deviceScaleFactor": ratio, "mobile": size == "telephone"})
         self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "screen", "features": media})
-        file = pathlib.Path(self.scratch.name) / "report.html"
+        if not isinstance(report, pathlib.Path):
+            file = pathlib.Path(self.scratch.name) / "report.html"
+            file.write_text(sample.assemble(report))
+            report = file
         self.driver.get_log("browser")
-        file.write_text(sample.assemble(report))
-        self.driver.get(file.as_uri())
+        self.driver.get(report.as_uri())
         self.wait("return document.documentElement.dataset.state === 'ready'")
         if clean:
             self.clean()
@@ -148,24 +153,8 @@ class ReportPage(unittest.TestCase):
             shot = self.driver.execute_cdp_cmd("Page.captureScreenshot", {"captureBeyondViewport": True})["data"]
             (pathlib.Path(folder) / f"{name}.png").write_bytes(base64.b64decode(shot))
 
-    def test_every_mode_is_drawn_in_every_size_and_theme(self):
-        for size in SIZES:
-            for theme in ("light", "dark"):
-                self.open(self.register, size, theme)
-                self.assertEqual(self.js("return [...document.querySelectorAll('.viewer > .segmented input')].map((i) => i.value)"), MODES)
-                for name in MODES:
-                    self.mode(name)
-                    for plane in PLANES:
-                        for row in range(self.js("return document.querySelectorAll('canvas[data-plane=axial]').length")):
-                            self.assertGreater(len(np.unique(self.picture(plane, row) @ (65536, 256, 1))), 20, (size, theme, name, plane))
-                    self.assertLessEqual(*self.js("return [document.documentElement.scrollWidth, innerWidth]"), (size, theme, name))
-                    self.assertEqual(self.js("return innerWidth"), SIZES[size][0])
-                    self.keep(f"{size}-{theme}-{name}")
-                self.clean()
-
-    def test_planes_are_those_of_radiologists(self):
-        """Air and body are where the voxels say, left on the right, front up or left, head up; a mirrored plane would not agree."""
-        self.open(self.register)
+    def check_planes(self):
+        """Air and body are where the voxels of the fixed image say, left on the right, front up or left, head up; a mirrored plane would not agree. Returns where the fixed image is solid."""
         self.mode("images")
         self.toggle("Crosshair")
         for key, end in (("Lower", -700), ("Upper", -600)):
@@ -189,6 +178,33 @@ class ReportPage(unittest.TestCase):
             length = max(map(len, bar.split()))
             scale = min(picture.shape[1] / sample.SIZE[PLANES[plane][0]], picture.shape[0] / sample.SIZE[PLANES[plane][1]]) / sample.SPACING
             self.assertLess(min(abs(length - mm * scale) for mm in (50, 100)), 3)  # px: its ends
+        return solid
+
+
+class ReportPage(Page):
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        cls.register = sample.register_report(cls.phantom)
+
+    def test_every_mode_is_drawn_in_every_size_and_theme(self):
+        for size in SIZES:
+            for theme in ("light", "dark"):
+                self.open(self.register, size, theme)
+                self.assertEqual(self.js("return [...document.querySelectorAll('.viewer > .segmented input')].map((i) => i.value)"), MODES)
+                for name in MODES:
+                    self.mode(name)
+                    for plane in PLANES:
+                        for row in range(self.js("return document.querySelectorAll('canvas[data-plane=axial]').length")):
+                            self.assertGreater(len(np.unique(self.picture(plane, row) @ (65536, 256, 1))), 20, (size, theme, name, plane))
+                    self.assertLessEqual(*self.js("return [document.documentElement.scrollWidth, innerWidth]"), (size, theme, name))
+                    self.assertEqual(self.js("return innerWidth"), SIZES[size][0])
+                    self.keep(f"{size}-{theme}-{name}")
+                self.clean()
+
+    def test_planes_are_those_of_radiologists(self):
+        self.open(self.register)
+        solid = self.check_planes()
         voxel = np.array([30, 26, 52])
         self.click("axial", voxel)
         self.slide("Zoom", 6)
@@ -541,6 +557,43 @@ class ReportPage(unittest.TestCase):
         folder = os.environ.get("MTLED_SCREENSHOTS")
         if folder:
             (pathlib.Path(folder) / "print.pdf").write_bytes(pdf)
+
+
+def write_nrrd(file, array):
+    """An array [z, y, x] or [z, y, x, 3] on the sample's grid, as a scanner may store it: x from left to right, y from the back to the front, slices along y."""
+    stored = np.ascontiguousarray(array[:, ::-1, ::-1].swapaxes(0, 1).astype("<f4"))
+    n, h = stored.shape, sample.SPACING
+    origin = np.array(sample.ORIGIN) + [h * (sample.SIZE[0] - 1), h * (sample.SIZE[1] - 1), 0]
+    vector = array.ndim == 4
+    header = ["NRRD0004", "type: float", f"dimension: {array.ndim}", "space: left-posterior-superior", f"sizes: {'3 ' if vector else ''}{n[2]} {n[1]} {n[0]}",
+              f"space directions: {'none ' if vector else ''}({-h},0,0) (0,0,{h}) (0,{-h},0)", f"kinds: {'vector ' if vector else ''}domain domain domain", "endian: little", "encoding: raw", f"space origin: ({origin[0]},{origin[1]},{origin[2]})"]
+    file.write_bytes("\n".join(header).encode() + b"\n\n" + stored.tobytes())
+
+
+class ReportOfTheProgram(Page):
+    def test_what_evaluate_writes(self):
+        """From images to pixels: images stored along other axes, warped by a field, stand upright in the planes and meet."""
+        folder = pathlib.Path(self.scratch.name)
+        write_nrrd(folder / "fixed.nrrd", self.phantom.hu["fixed"])
+        write_nrrd(folder / "moving.nrrd", self.phantom.hu["before"])
+        write_nrrd(folder / "field.nrrd", np.moveaxis(self.phantom.v, 0, -1))
+        done = subprocess.run([PROGRAM, "evaluate", "-f", folder / "fixed.nrrd", "-m", folder / "moving.nrrd", "-t", folder / "field.nrrd", "--beside", f"again={folder / 'field.nrrd'}", "-o", folder / "out"], capture_output=True, text=True)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        report = folder / "out" / "report.html"
+        for size in SIZES:
+            self.open(report, size)
+            for name in MODES[:-1]:
+                self.mode(name)
+                self.keep(f"program_{size}_{name}")
+            self.clean()
+            self.assertLessEqual(self.js("return document.documentElement.scrollWidth - innerWidth"), 0)
+        self.open(report)
+        space = self.js("return JSON.parse(document.getElementById('report-data').textContent).view.spaces.fixed")
+        self.assertEqual((tuple(space["size"]), tuple(space["origin_mm"]), space["spacing_mm"]), (sample.SIZE, sample.ORIGIN, sample.SPACING))
+        self.check_planes()
+        x, y, z = self.slices()
+        shown = [float(part) for part in self.readout()["v (to the moving image)"].replace("\u2212", "-").removesuffix(" mm").split(", ")]
+        np.testing.assert_allclose(shown, self.phantom.v[:, z, y, x], atol=READOUT)
 
 
 if __name__ == "__main__":
