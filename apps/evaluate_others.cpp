@@ -47,7 +47,7 @@ void read_others(std::vector<Other>& others, const Image& moving, const Mask& ma
     Json& j = report["beside"][other.name];
     j["jacobian"] = describe(jacobian_statistics(field.displacement, intersection(mask, field.covered)));
     if (labels.moving) other.labels = warp_labels(*labels.moving, field.displacement);
-    if (labels.fixed) j["rigidity"] = describe(label_rigidity(*labels.fixed, field));
+    if (labels.fixed || other.labels) j["rigidity"] = describe(label_rigidity(labels.fixed ? *labels.fixed : *other.labels, field));
   }
 }
 

@@ -99,7 +99,7 @@ Json facts_of_registration(const Json& metrics, const Json& manifest) {
 
 Json facts_of_evaluation(const Json& evaluation) {
   Json facts{{"version", 1}, {"kind", "evaluate"}, {"program", "mtled " MTLED_VERSION}};
-  copy(evaluation, facts, {"warnings", "edges", "landmarks", "labels", "contours", "rigidity", "direction", "field_difference"});
+  copy(evaluation, facts, {"warnings", "edges", "landmarks", "labels", "contours", "rigidity", "direction", "field_difference", "beside"});
   if (facts.contains("landmarks")) facts["landmarks"].erase("left_out_rows");
   if (evaluation.contains("field")) copy(evaluation["field"], facts, {"jacobian", "inverse_consistency"});
   if (evaluation.contains("stages")) facts["stages"] = stages_of(evaluation["stages"]);

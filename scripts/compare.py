@@ -4,9 +4,10 @@
 usage: scripts/compare.py --moving M --fixed F --moving-labels VM --output DIR [--fixed-labels VF] [--landmarks L]
                           [--baseline-config TOML] [--program build/bin/mtled] [-- further options of `mtled register`]
 
-Each registration goes into a folder of its own under DIR and is judged by `mtled evaluate` in one mask, the body that
-mechanics deformed. Writes DIR/comparison.md (a table and the commands) and, where matplotlib is installed,
-DIR/percentiles.png (Hausdorff distance over percentile). Registrations that are there already are not done again.
+Each registration goes into a folder of its own under DIR; all are judged by one `mtled evaluate` in one mask, the body
+that mechanics deformed. Writes DIR/comparison.md (a table and the commands), DIR/evaluation/report.html (curves, tables
+and pictures of all in one page) and, where matplotlib is installed, DIR/percentiles.png (Hausdorff distance over
+percentile). Registrations that are there already are not done again.
 """
 import argparse, json, pathlib, shlex, subprocess, sys
 
@@ -43,37 +44,37 @@ ways = {
     "mechanics": ["register", *images, "--moving-labels", a.moving_labels, *labels, *landmarks, *further],
     "rigid": ["baseline", "rigid", *images, *baseline],
     "B-spline": ["baseline", "bspline", *images, *baseline],
-    "mechanics, then B-spline": ["baseline", "bspline", *images, "--start", out / "mechanics", *baseline],
+    "mechanics then B-spline": ["baseline", "bspline", *images, "--start", out / "mechanics", *baseline],
 }
-reports = {}
+folders = {name: out / name.replace(" then ", "_").lower() for name in ways}
 for name, command in ways.items():
-    folder = out / name.replace(", then ", "_").lower()
-    if not any((folder / done).exists() for done in ("manifest.json", "summary.json")):
-        run(*command, "--output", folder, "--force")
-    judged = out / ("evaluation_" + folder.name)
-    run("evaluate", "--fixed", a.fixed, "--moving", a.moving, "--result", folder, "--mask", out / "mechanics" / "warped_body.nii.gz",
-        "--moving-labels", a.moving_labels, *labels, *landmarks, "--output", judged, "--force")
-    reports[name] = json.loads((judged / "evaluation.json").read_text())
+    if not any((folders[name] / done).exists() for done in ("manifest.json", "summary.json")):
+        run(*command, "--output", folders[name], "--force")
+beside = [part for name in ways if name != "mechanics" for part in ("--beside", f"{name}={folders[name]}")]
+run("evaluate", "--fixed", a.fixed, "--moving", a.moving, "--result", folders["mechanics"], *beside, "--mask", folders["mechanics"] / "warped_body.nii.gz",
+    "--moving-labels", a.moving_labels, *labels, *landmarks, "--output", out / "evaluation", "--force")
+report = json.loads((out / "evaluation" / "evaluation.json").read_text())
 
 
-def row(name, when, report):
-    edges = report["edges"][when]
+def row(name):
+    key = {"none": "before", "mechanics": "after"}.get(name, name)
+    edges = report["edges"][key]
     cells = [name] + ["-" if not edges["hausdorff_all_edges_mm"] else f"{h:.2f}" for h in edges["hausdorff_all_edges_mm"] or [0] * 4]
     cells.append("-" if edges["within_two_voxels_all_edges"] is None else f"{100 * edges['within_two_voxels_all_edges']:.1f}")
-    errors = report.get("landmarks", {}).get(when)
-    cells += [f"{errors[key]:.2f}" for key in ("mean_mm", "median_mm", "percentile_95_mm", "max_mm")] if errors else ["-"] * 4
-    dice = [l["dice"] for l in report.get("labels", {}).get(when, []) if l["dice"] is not None]
+    errors = report.get("landmarks", {}).get(key)
+    cells += [f"{errors[measure]:.2f}" for measure in ("mean_mm", "median_mm", "percentile_95_mm", "max_mm")] if errors else ["-"] * 4
+    dice = [l["dice"] for l in report.get("labels", {}).get(key, []) if l["dice"] is not None]
     cells.append(f"{sum(dice) / len(dice):.3f}" if dice else "-")
-    rigid = [r["rms_mm"] for r in report.get("rigidity", [])]
-    cells.append(f"{max(rigid):.2f}" if rigid and when == "after" else "-")
-    jacobian = report.get("field", {}).get("jacobian")
-    cells += [str(jacobian["folded_voxels"]), f"{jacobian['sd_log']:.3f}" if jacobian["sd_log"] is not None else "-"] if jacobian and when == "after" else ["-", "-"]
+    field = {"rigidity": report.get("rigidity", []), "jacobian": report["field"]["jacobian"]} if key == "after" else report["beside"].get(key, {})
+    rigid, jacobian = [r["rms_mm"] for r in field.get("rigidity", [])], field.get("jacobian")
+    cells.append(f"{max(rigid):.2f}" if rigid else "-")
+    cells += [str(jacobian["folded_voxels"]), f"{jacobian['sd_log']:.3f}" if jacobian["sd_log"] is not None else "-"] if jacobian else ["-", "-"]
     return "| " + " | ".join(cells) + " |"
 
 
 lines = ["| registration | H60 mm | H75 mm | H85 mm | H95 mm | edges within two voxels % | landmarks: mean mm | median | 95 % | max | Dice (mean) | labels: worst rms from rigid mm | folded voxels | SDlogJ |",
-         "|---" * 14 + "|", row("none", "before", reports["rigid"])]
-lines += [row(name, "after", reports[name]) for name in ("rigid", "B-spline", "mechanics", "mechanics, then B-spline")]
+         "|---" * 14 + "|"]
+lines += [row(name) for name in ("none", "rigid", "B-spline", "mechanics", "mechanics then B-spline")]
 table = "\n".join(lines)
 (out / "comparison.md").write_text(table + "\n\nCommands:\n\n" + "".join(f"    {c}\n" for c in commands))
 print(table)
@@ -85,9 +86,9 @@ try:
 except ImportError:
     sys.exit(0)
 figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
-styles = {"rigid": ("#D55E00", ":"), "B-spline": ("#0072B2", "--"), "mechanics": ("#000000", "-"), "mechanics, then B-spline": ("#009E73", "-.")}
+styles = {"rigid": ("#D55E00", ":"), "B-spline": ("#0072B2", "--"), "mechanics": ("#000000", "-"), "mechanics then B-spline": ("#009E73", "-.")}
 for name, (colour, style) in styles.items():
-    curve = reports[name]["edges"]["after"]["hausdorff_1_to_100_all_edges_mm"]
+    curve = report["edges"]["after" if name == "mechanics" else name]["hausdorff_1_to_100_all_edges_mm"]
     if curve:
         axes.plot(range(1, 101), curve, color=colour, linestyle=style, label=name)
 axes.set(xlabel="percentile of the edges", ylabel="Hausdorff distance [mm]", yscale="symlog", xlim=(1, 100), title="Edges of the warped and the fixed image")

@@ -411,7 +411,7 @@ class ReportPage(Page):
         curve = lambda: self.js("return document.querySelector('#edges .curve').getAttribute('d')")
         cells = lambda: self.js("return [...document.querySelectorAll('#edges tbody tr')].map((r) => [...r.cells].slice(1, 5).map((c) => c.textContent))")
         names, linear = [c["id"] for c in self.register["candidates"]], curve()
-        for value, key in (("consistent", "hausdorff_mm"), ("all", "hausdorff_all_edges_mm")):
+        for value, key in (("all", "hausdorff_all_edges_mm"), ("consistent", "hausdorff_mm")):
             self.js("document.querySelector(`#edges input[value=${arguments[0]}]`).click()", value)
             self.assertEqual(cells(), [[f"{mm:.2f}" for mm in self.register["edges"][n][key]] for n in names])
         self.assertNotEqual(curve(), linear)
@@ -577,7 +577,7 @@ class ReportOfTheProgram(Page):
         write_nrrd(folder / "fixed.nrrd", self.phantom.hu["fixed"])
         write_nrrd(folder / "moving.nrrd", self.phantom.hu["before"])
         write_nrrd(folder / "field.nrrd", np.moveaxis(self.phantom.v, 0, -1))
-        done = subprocess.run([PROGRAM, "evaluate", "-f", folder / "fixed.nrrd", "-m", folder / "moving.nrrd", "-t", folder / "field.nrrd", "--beside", f"again={folder / 'field.nrrd'}", "-o", folder / "out"], capture_output=True, text=True)
+        done = subprocess.run([PROGRAM, "evaluate", "-f", folder / "fixed.nrrd", "-m", folder / "moving.nrrd", "-t", folder / "field.nrrd", "--beside", f"again={folder / 'field.nrrd'}", "--contour", "lungs", "--reference-transform", folder / "field.nrrd", "-o", folder / "out"], capture_output=True, text=True)
         self.assertEqual(done.returncode, 0, done.stderr)
         report = folder / "out" / "report.html"
         for size in SIZES:
@@ -591,6 +591,12 @@ class ReportOfTheProgram(Page):
         space = self.js("return JSON.parse(document.getElementById('report-data').textContent).view.spaces.fixed")
         self.assertEqual((tuple(space["size"]), tuple(space["origin_mm"]), space["spacing_mm"]), (sample.SIZE, sample.ORIGIN, sample.SPACING))
         self.check_planes()
+        rows = lambda section: self.js("return [...document.querySelectorAll(`#${arguments[0]} tbody tr`)].map((r) => [...r.cells].map((c) => c.textContent.trim()))", section)
+        self.assertEqual([row[:2] for row in rows("contours")], [["lungs", "Before"], ["lungs", "again"], ["lungs", "Registered"]])
+        self.assertEqual([row[0] for row in rows("field")], ["again", "Registered"])
+        self.assertEqual(rows("field")[0][1:], rows("field")[1][1:])
+        self.assertIn("0.000 mm", self.js("return document.querySelector('#reference').textContent"))
+        self.assertGreater(self.js("return document.querySelector('#figures img').naturalWidth"), 500)
         x, y, z = self.slices()
         shown = [float(part) for part in self.readout()["v (to the moving image)"].replace("\u2212", "-").removesuffix(" mm").split(", ")]
         np.testing.assert_allclose(shown, self.phantom.v[:, z, y, x], atol=READOUT)

@@ -24,10 +24,10 @@ async function main() {
   add(attempt("Verdict", () => verdictSection(report)));
   const [images, viewer] = attempt("The viewer", () => viewerSection(report)) ?? [null, null];
   add(images);
-  const sections = { "Distance between edges": edgesSection, Landmarks: landmarksSection, Labels: labelsSection, "Displacement field": fieldSection, "Motion of every label": motionsSection,
+  const sections = { "Distance between edges": edgesSection, Landmarks: landmarksSection, Labels: labelsSection, "Outlines of organs": contoursSection, "Displacement field": fieldSection, Reference: referenceSection, "Motion of every label": motionsSection,
     Mechanics: mechanicsSection, Time: stagesSection, Inputs: inputsSection, Figures: figuresSection, Reading: readingSection };
   for (const [name, make] of Object.entries(sections)) add(attempt(name, () => make(report)));
-  const short = { edges: "Edges", field: "Field", motions: "Motions", time: "Time", inputs: "Inputs", reading: "How to read" };
+  const short = { edges: "Edges", contours: "Outlines", reference: "Reference", field: "Field", motions: "Motions", time: "Time", inputs: "Inputs", reading: "How to read" };
   document.getElementById("contents").append(...[...content.querySelectorAll("section")].map((s) => element("a", { href: `#${s.id}` }, short[s.id] ?? s.querySelector("h2").textContent)));
   document.getElementById("tools").append(themeButton(), button("Print", () => print(), { class: "small print" }));
   document.getElementById("foot").textContent = `${report.program} · ${report.created}`;

@@ -5,7 +5,7 @@ function edgesSection(report) {
   const candidates = withData(report, "edges");
   if (!candidates.length) return null;
   const first = report.edges[candidates[0].id], settings = report.edge_settings, both = candidates.every((c) => report.edges[c.id].hausdorff_1_to_100_all_edges_mm);
-  const state = { all: false, log: false };
+  const state = { all: both, log: false };
   const place = element("div", {});
   const draw = () => {
     const key = state.all ? "hausdorff_1_to_100_all_edges_mm" : "hausdorff_1_to_100_mm", at = state.all ? "hausdorff_all_edges_mm" : "hausdorff_mm";
@@ -34,7 +34,7 @@ function edgesSection(report) {
     draw();
   };
   return section("edges", "Distance between edges",
-    element("div", { class: "controls" }, both ? segmented("Edges counted", [["consistent", "Consistent edges"], ["all", "All edges"]], "consistent", (v) => change({ all: v === "all" }), true) : null,
+    element("div", { class: "controls" }, both ? segmented("Edges counted", [["all", "All edges"], ["consistent", "Consistent edges"]], "all", (v) => change({ all: v === "all" }), true) : null,
       segmented("Distance axis", [["linear", "Linear"], ["log", "Logarithmic"]], "linear", (v) => change({ log: v === "log" }), true)),
     place,
     note(`A point (p, d) of a curve: p % of the edges of either image lie within d mm of an edge of the other. Consistent edges are those whose nearest neighbour points back at them within a voxel; leaving out the others hides large errors, so read both. `,
@@ -84,6 +84,44 @@ const largestGoodDeviation = 0.5; // mm rms: more is warned of by the program, t
 /** Whether a label follows its rigid motion. */
 const deviationMark = (rms) => (!known(rms) ? null : rms > largestGoodDeviation ? mark("check", "Look at this one") : mark("good", "Rigid"));
 
+/** Distances between the outlines of organs, the larger of both directions. */
+function contoursSection(report) {
+  const names = Object.keys(report.contours ?? {}), candidates = (report.candidates ?? []).filter((c) => names.some((name) => report.contours[name][c.id]));
+  if (!candidates.length) return null;
+  const larger = (name, c, key) => {
+    const both = Object.values(report.contours[name][c.id] ?? {}).map((direction) => direction[key]);
+    return both.length && both.every(known) ? Math.max(...both) : null;
+  };
+  return section("contours", "Outlines of organs", dataTable("Distances between outlines in the slices [mm], the larger of both directions", [
+    { name: "", text: true, show: (row) => row.name },
+    { name: "", text: true, show: (row) => [seriesKey(seriesIndex(report.candidates, row.candidate.id)), ` ${row.candidate.name}`] },
+    ...[["Mean", "mean_mm"], ["Median", "median_mm"], ["95 %", "percentile_95_mm"], ["Largest", "max_mm"]].map(([name, key]) => ({ name, unit: "mm", show: (row) => decimals(larger(row.name, row.candidate, key)) })),
+  ], names.flatMap((name) => candidates.map((candidate) => ({ name, candidate })))));
+}
+
+/** How far the displacement is from one that is known otherwise. */
+function referenceSection(report) {
+  const d = report.field_difference;
+  if (!d) return null;
+  const mm = (value) => (known(value) ? `${decimals(value, 3)} mm` : "–");
+  return section("reference", "Difference from the reference", facts([["Points", count(d.points)], ["Mean", mm(d.mean_mm)], ["Median", mm(d.median_mm)], ["95 %", mm(d.percentile_95_mm)], ["99.5 %", mm(d.percentile_99_5_mm)], ["Largest", mm(d.max_mm)], ["Within 0.5 mm", percent(d.within_half_mm)]]));
+}
+
+/** What is known of the fields of the registrations that are compared. */
+function fieldsBeside(report) {
+  const fields = { ...Object.fromEntries(Object.entries(report.beside ?? {})), ...(report.beside ? { [report.candidates?.at(-1)?.id]: report } : {}) };
+  const candidates = (report.candidates ?? []).filter((c) => fields[c.id]?.jacobian);
+  const worst = (c) => Math.max(...(fields[c.id].rigidity ?? []).map((r) => r.rms_mm ?? 0));
+  return candidates.length > 1 ? dataTable("Fields of the registrations that are compared", [
+    { name: "", text: true, show: (c) => [seriesKey(seriesIndex(report.candidates, c.id)), ` ${c.name}`] },
+    { name: "Folded voxels", show: (c) => count(fields[c.id].jacobian.folded_voxels) },
+    { name: "Smallest", group: "Volume ratio", show: (c) => decimals(fields[c.id].jacobian.min, 3) },
+    { name: "Largest", group: "Volume ratio", show: (c) => decimals(fields[c.id].jacobian.max, 3) },
+    { name: "SD of log det J", show: (c) => decimals(fields[c.id].jacobian.sd_log, 3) },
+    { name: "Worst label off rigid motion", unit: "mm", title: "Root of the mean square", show: (c) => (fields[c.id].rigidity?.length ? decimals(worst(c)) : "–") },
+  ], candidates) : null;
+}
+
 /** Volume ratio and inverse consistency of the transform. */
 function fieldSection(report) {
   const { jacobian: j, inverse_consistency: inverse } = report;
@@ -94,7 +132,7 @@ function fieldSection(report) {
     ["SD of log det J", decimals(j.sd_log, 3), "Standard deviation of the logarithm where det J is positive"],
   ])] : null;
   const back = inverse ? [element("h3", {}, "Inverse consistency"), facts([["Mean", `${decimals(inverse.mean_mm, 3)} mm`], ["95 %", `${decimals(inverse.percentile_95_mm, 3)} mm`], ["Largest", `${decimals(inverse.max_mm, 3)} mm`], ["Voxels judged", known(inverse.voxels) ? count(inverse.voxels) : null]])] : null;
-  return section("field", "Displacement field", ratio, back);
+  return section("field", "Displacement field", ratio, back, fieldsBeside(report));
 }
 
 /** The rigid motion found for every label. */

@@ -56,7 +56,7 @@ const modes = {
       toggle("Colour-blind safe", v.colourSafe, (on) => v.set({ colourSafe: on })),
     ],
     legend(v) {
-      const palette = edgePalettes[v.colourSafe ? "safe" : "papers"], registered = v.edgeSets.filter((id) => edgeRole(id) === "registered");
+      const palette = edgePalettes[v.colourSafe ? "safe" : "papers"], registered = v.edgeSets.filter((id) => edgeRole(id) === "registered" && v.edgesShown.has(id));
       const names = { fixed: "Fixed image (target)", before: "Moving image before (source)", rigid: "Rigidly registered", registered: registered.map((id) => v.nameOf(id)).join(", ") + " (registered)" };
       const roles = ["before", "fixed", "rigid", "registered"].filter((role) => v.edgeSets.some((id) => edgeRole(id) === role && v.edgesShown.has(id)));
       const met = roles.includes("fixed") && roles.some((role) => ["rigid", "registered"].includes(role));

@@ -10,7 +10,7 @@ class Viewer {
     this.edgeSets = this.volumes.edges ? Object.values(this.volumes.edges.data.bits) : [];
     this.ratios = ratioRanges(this.volumes.jacobian?.data, report.jacobian);
     const last = this.candidates.at(-1)?.id ?? null, lead = this.volumes.fixed ?? this.grey[0];
-    this.edgesShown = new Set(this.edgeSets.filter((id) => id !== "rigid" || !this.edgeSets.some((other) => edgeRole(other) === "registered")));
+    this.edgesShown = new Set(["fixed", "before", this.edgeSets.findLast((id) => !["fixed", "before"].includes(id))].filter((id) => this.edgeSets.includes(id)));
     const window = lead?.data.windows?.[0] ?? lead?.data, range = lead ? lead.data.high - lead.data.low : 1;
     this.reaches = [0.05, 0.1, 0.2, 0.5, 1].map((part) => Number((part * range).toPrecision(1)));
     Object.assign(this, {
