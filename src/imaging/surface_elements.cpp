@@ -77,6 +77,38 @@ Area largest_area(const Polygon& polygon, std::size_t first, std::size_t last, c
   return best;
 }
 
+using Elements = std::map<int, std::vector<SurfaceElement>>;
+
+/// A row of voxels along i with a 0 before and behind it; all 0 beyond the image.
+std::vector<std::uint16_t> padded_row(const LabelImage& labels, int j, int k) {
+  const auto& n = labels.grid.size;
+  std::vector<std::uint16_t> row(std::size_t(n[0]) + 2);
+  if (j >= 0 && k >= 0 && j < n[1] && k < n[2]) std::copy_n(&labels.at(0, j, k), n[0], row.begin() + 1);
+  return row;
+}
+
+/// The elements between the slices k and k + 1.
+Elements elements_between(const LabelImage& labels, const std::array<double, 256>& areas, int k) {
+  const auto& n = labels.grid.size;
+  Elements elements;
+  for (int j = -1; j < n[1]; ++j) {
+    const std::vector<std::uint16_t> rows[4] = {padded_row(labels, j, k), padded_row(labels, j + 1, k), padded_row(labels, j, k + 1), padded_row(labels, j + 1, k + 1)};
+    for (std::size_t i = 0; i <= std::size_t(n[0]); ++i) {
+      std::uint16_t corner[8];
+      bool same = true;
+      for (std::size_t b = 0; b < 8; ++b) corner[b] = rows[b >> 1][i + (b & 1)], same = same && corner[b] == corner[0];
+      if (same) continue;
+      for (std::size_t b = 0; b < 8; ++b) {
+        if (corner[b] == 0 || std::find(corner, corner + b, corner[b]) != corner + b) continue;
+        std::size_t inside = 0;
+        for (std::size_t c = 0; c < 8; ++c) inside |= std::size_t(corner[c] == corner[b]) << c;
+        elements[corner[b]].push_back({labels.grid.point(Vec3d{double(i) - 0.5, j + 0.5, k + 0.5}), areas[inside]});
+      }
+    }
+  }
+  return elements;
+}
+
 double distance_by_area(const std::vector<SurfaceElement>& from, const NearestPoint& to, double percent) {
   std::vector<std::pair<double, double>> distance_and_area(from.size());
   parallel_for(from.size(), [&](std::size_t e) { distance_and_area[e] = {std::sqrt(to(from[e].position).squared_distance), from[e].area}; });
@@ -100,26 +132,11 @@ std::array<double, 256> surface_areas_in_cells(const Vec3d& spacing) {
 
 std::map<int, std::vector<SurfaceElement>> surface_elements(const LabelImage& labels) {
   const std::array<double, 256> areas = surface_areas_in_cells(labels.grid.spacing);
-  const auto& n = labels.grid.size;
-  std::map<int, std::vector<SurfaceElement>> elements;
-  for (int k = -1; k < n[2]; ++k)
-    for (int j = -1; j < n[1]; ++j)
-      for (int i = -1; i < n[0]; ++i) {
-        int corner[8];
-        bool same = true;
-        for (int b = 0; b < 8; ++b) {
-          const int x = i + (b & 1), y = j + (b >> 1 & 1), z = k + (b >> 2 & 1);
-          corner[b] = x < 0 || y < 0 || z < 0 || x >= n[0] || y >= n[1] || z >= n[2] ? 0 : labels.at(x, y, z);
-          same = same && corner[b] == corner[0];
-        }
-        if (same) continue;
-        for (int b = 0; b < 8; ++b) {
-          if (corner[b] == 0 || std::find(corner, corner + b, corner[b]) != corner + b) continue;
-          std::size_t inside = 0;
-          for (int c = 0; c < 8; ++c) inside |= std::size_t(corner[c] == corner[b]) << c;
-          elements[corner[b]].push_back({labels.grid.point(Vec3d{i + 0.5, j + 0.5, k + 0.5}), areas[inside]});
-        }
-      }
+  std::vector<Elements> slices(std::size_t(labels.grid.size[2] + 1));
+  parallel_for(slices.size(), [&](std::size_t slice) { slices[slice] = elements_between(labels, areas, int(slice) - 1); }, 1);
+  Elements elements;
+  for (const Elements& slice : slices)
+    for (const auto& [label, some] : slice) elements[label].insert(elements[label].end(), some.begin(), some.end());
   return elements;
 }
 
