@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "core/error.hpp"
+#include "core/index_map.hpp"
 #include "imaging/cubic_spline.hpp"
 #include "imaging/voxel_loop.hpp"
 
@@ -53,10 +54,9 @@ Image warp_continued(const Image& moving, const Grid& grid, const VectorImage* f
   Mat3d to_index = transpose(moving.grid.direction);
   for (int a = 0; a < 3; ++a)
     for (int b = 0; b < 3; ++b) to_index[a][b] /= moving.grid.spacing[a];
-  const Vec3d first = moving.grid.index(grid.origin);
-  const Vec3d step[3] = {moving.grid.index(grid.point(1, 0, 0)) - first, moving.grid.index(grid.point(0, 1, 0)) - first, moving.grid.index(grid.point(0, 0, 1)) - first};
+  const IndexMap index_of(grid, moving.grid);
   for_each_voxel(grid, [&](int i, int j, int k, std::size_t voxel) {
-    Vec3d index = first + double(i) * step[0] + double(j) * step[1] + double(k) * step[2];
+    Vec3d index = index_of(i, j, k);
     if (field) {
       const Vec3f& v = field->data[voxel];
       index += to_index * Vec3d{v.x, v.y, v.z};

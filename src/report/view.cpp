@@ -1,10 +1,14 @@
 #include "report/view.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
+#include <vector>
 
 #include "core/error.hpp"
+#include "core/index_map.hpp"
+#include "core/volume_view.hpp"
 #include "imaging/voxel_loop.hpp"
 #include "report/encode.hpp"
 #include "report/packing.hpp"
@@ -114,16 +118,23 @@ Grid view_grid(const Grid& image, std::size_t most_voxels, const Mask* where, do
 
 ByteVolume grey_bytes(const Image& image, const Grid& view, const ByteRange& range) {
   ByteVolume bytes(view);
-  // Samples along the axes of LPS, as many as the finest voxels of the image are smaller than those of the view.
-  const int samples = std::clamp(int(std::ceil(view.spacing.x / smallest(image.grid.spacing) - 1e-6)), 1, most_samples);
-  for_each_voxel(view, [&](int i, int j, int k, std::size_t v) {
+  // Samples along the axes of LPS, as many as there are voxels of the image in one of the view.
+  const IndexMap index_of(view, image.grid);
+  std::array<std::vector<double>, 3> along;  // in voxels of the view, from the centre
+  for (int a = 0; a < 3; ++a) {
+    const Vec3d& step = index_of.step(a);
+    const int samples = std::clamp(int(std::ceil(std::max({std::abs(step.x), std::abs(step.y), std::abs(step.z)}) - 1e-6)), 1, most_samples);
+    for (int s = 0; s < samples; ++s) along[std::size_t(a)].push_back((s + 0.5) / samples - 0.5);
+  }
+  for_each_voxel(view, [&, source = view_of(image)](int i, int j, int k, std::size_t v) {
     double sum = 0;
     int found = 0;
-    for (int s = 0; s < samples * samples * samples; ++s) {
-      const auto at = [&](int index, int sample) { return index + (sample + 0.5) / samples - 0.5; };
-      double value;
-      if (linear_value(image, view.point(Vec3d{at(i, s % samples), at(j, s / samples % samples), at(k, s / samples / samples)}), value)) sum += value, ++found;
-    }
+    for (const double c : along[2])
+      for (const double b : along[1])
+        for (const double a : along[0]) {
+          double value;
+          if (interpolate_at_index(source, index_of(i + a, j + b, k + c), value)) sum += value, ++found;
+        }
     if (found) bytes.data[v] = std::uint8_t(std::lround(255 * std::clamp((sum / found - range.low) / (range.high - range.low), 0.0, 1.0)));
   });
   return bytes;
