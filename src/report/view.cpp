@@ -18,7 +18,7 @@ namespace {
 
 constexpr int block = 8;              ///< [pixels] of JPEG: slices share none, so that they do not blur each other
 constexpr int jpeg_quality = 90;
-constexpr int most_samples = 3;       ///< along an axis, for the mean over a voxel
+constexpr int most_samples = 2;       ///< along an axis, for the mean over a voxel
 
 struct Box {
   Vec3d low{std::numeric_limits<double>::infinity(), std::numeric_limits<double>::infinity(), std::numeric_limits<double>::infinity()};
