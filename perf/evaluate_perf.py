@@ -4,7 +4,7 @@ Markdown in perf/results/evaluate.md.
 
 usage: perf/evaluate_perf.py --folder DIR [--program build/bin/mtled] [--threads N] [--no-itk]
 
-DIR keeps the pair (7 GB), which later runs use again. Beside it, ITK's own filters find the edges of two of the images and
+DIR keeps the pair (4 GB), which later runs use again. Beside it, ITK's own filters find the edges of two of the images and
 the distance maps of both. Needs SimpleITK and NumPy.
 """
 import argparse, json, multiprocessing, os, pathlib, platform, subprocess, sys, time

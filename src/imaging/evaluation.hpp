@@ -47,10 +47,10 @@ struct EdgeDistance {
 /// canny_edges_of_slices(); two voxels are then twice the larger spacing within the slice.
 enum class EdgeSpace { volume, slices };
 
-/// `round_trip_mm`: x is consistent when nearest_a(nearest_b(x)) lies within it, or x itself is as near. The grids may
-/// differ, but not by slices. When a set is empty, or no slice has edges of both, there are no distances: the lists are
-/// empty, and the means and fractions are 0. `source_voxel_mm`: largest spacing of the image that one of the two was
-/// resampled from; 0 if neither was.
+/// `round_trip_mm`: x is consistent when nearest_a(nearest_b(x)) lies within it, or x itself is as near; of equally near
+/// edges always the same one is taken. The grids may differ (which takes longer), but not by slices. When a set is empty,
+/// or no slice has edges of both, there are no distances: the lists are empty, and the means and fractions are 0.
+/// `source_voxel_mm`: largest spacing of the image that one of the two was resampled from; 0 if neither was.
 EdgeDistance compare_edges(const Mask& edges_a, const Mask& edges_b, double round_trip_mm, EdgeSpace space = EdgeSpace::volume, double source_voxel_mm = 0);
 
 /// Distances of corresponding points [mm]; percentiles as above.
