@@ -123,12 +123,13 @@ void run(CLI::App& verb, EvaluateOptions& options) {
     before = warp_continued(*moving, fixed.grid, nullptr, inside);
     if (!maps.field) where = intersection(std::move(where), inside);
   }
+  times.lap("warping");
   const LabelMaps labels = read_label_maps(options, fixed.grid, maps);
   std::vector<Other> others = parse_others(options.beside);
   if (moving) read_others(others, *moving, mask, labels, where, report);
   require(count(where) > 0, maps.field ? "the transform leads no voxel of the fixed image (within the mask) into the moving image; check that it belongs to these images and maps points of the fixed to the moving image"
                                        : "the moving image does not overlap the fixed image (within the mask) in space; give the transform between them");
-  times.lap("warping");
+  times.lap("label maps and others");
   std::vector<NamedImage> candidates;
   if (before) candidates.push_back({"before", &*before});
   for (const Other& other : others) candidates.push_back({other.name, &other.warped});
@@ -140,10 +141,11 @@ void run(CLI::App& verb, EvaluateOptions& options) {
   if (!candidates.empty())
     report["edges"] = compare_edges_of(fixed, candidates, canny, where, moving ? &moving->grid : nullptr, options.slices ? EdgeSpace::slices : EdgeSpace::volume,
                                        [&](const std::string& name, const Mask& edges) { if (view) view->add_edges(name, edges); });
+  times.lap("edges");
   report_labels(labels, others, maps, report);
   report_contours(parse_contours(options.contours), fixed, candidates, labels, others, where, report);
   before.reset(), warped.reset(), candidates.clear();
-  times.lap("edges and labels");
+  times.lap("labels and contours");
   report_landmarks(landmarks, others, maps, report);
   if (maps.field) report_field(mask, maps, report);
   times.lap("field");
