@@ -37,11 +37,17 @@ void report_labels(const LabelMaps& labels, const std::vector<Other>& others, co
   if (maps.field && (labels.fixed || labels.after)) report["rigidity"] = describe(label_rigidity(labels.fixed ? *labels.fixed : *labels.after, *maps.field));
 }
 
-void report_field(const Mask& mask, const Maps& maps, Json& report) {
-  const Mask where = intersection(mask, maps.field->covered);
-  report["field"]["jacobian"] = describe(jacobian_statistics(maps.field->displacement, where));
+FieldRegion region_of(const Maps& maps, const Mask& mask) {
+  if (!maps.field) return {};
+  FieldRegion region{intersection(mask, maps.field->covered), {}};
+  region.ratio = volume_ratio(maps.field->displacement, region.counted);
+  return region;
+}
+
+void report_field(const FieldRegion& region, const Maps& maps, Json& report) {
+  report["field"]["jacobian"] = describe(jacobian_statistics(maps.field->displacement, region.counted, region.ratio));
   if (const std::size_t folded = report["field"]["jacobian"]["folded_voxels"]; folded > 0) note(report, concatenate("the transform folds at ", folded, " voxels (determinant at most 0); it has no inverse there"));
-  if (maps.back && !maps.computed_inverse) report["field"]["inverse_consistency"] = describe(inverse_consistency(*maps.field, maps.back, where));
+  if (maps.back && !maps.computed_inverse) report["field"]["inverse_consistency"] = describe(inverse_consistency(*maps.field, maps.back, region.counted));
 }
 
 void print_report(const Json& report) {
@@ -99,7 +105,7 @@ void run(CLI::App& verb, EvaluateOptions& options) {
   times.lap("images");
   announce(options, "reading transforms");
   const Maps maps = read_maps(options, fixed.grid, moving);
-  const Landmarks landmarks = read_landmarks(options, fixed.grid, moving, maps);
+  Landmarks landmarks = read_landmarks(options, fixed.grid, moving, maps);
   const OutputDirectory output(options.output, options.force);
   times.lap("transforms");
   announce(options, "evaluating");
@@ -127,6 +133,7 @@ void run(CLI::App& verb, EvaluateOptions& options) {
   const LabelMaps labels = read_label_maps(options, fixed.grid, maps);
   std::vector<Other> others = parse_others(options.beside);
   if (moving) read_others(others, *moving, mask, labels, where, report);
+  leave_out_unknown(landmarks, others);
   require(count(where) > 0, maps.field ? "the transform leads no voxel of the fixed image (within the mask) into the moving image; check that it belongs to these images and maps points of the fixed to the moving image"
                                        : "the moving image does not overlap the fixed image (within the mask) in space; give the transform between them");
   times.lap("label maps and others");
@@ -136,8 +143,9 @@ void run(CLI::App& verb, EvaluateOptions& options) {
   if (warped) candidates.push_back({"after", &*warped});
   for (const NamedImage& c : candidates) report["correlation"][c.name] = correlation(fixed, *c.image, where);
   times.lap("correlation");
+  const FieldRegion region = region_of(maps, mask);
   std::optional<ReportView> view;
-  if (options.report) view = view_of(fixed, moving, others, warped, maps, where), times.lap("report");
+  if (options.report) view = view_of(fixed, moving, others, warped, maps, region, where), times.lap("report");
   if (!candidates.empty())
     report["edges"] = compare_edges_of(fixed, candidates, canny, where, moving ? &moving->grid : nullptr, options.slices ? EdgeSpace::slices : EdgeSpace::volume,
                                        [&](const std::string& name, const Mask& edges) { if (view) view->add_edges(name, edges); });
@@ -147,7 +155,7 @@ void run(CLI::App& verb, EvaluateOptions& options) {
   before.reset(), warped.reset(), candidates.clear();
   times.lap("labels and contours");
   report_landmarks(landmarks, others, maps, report);
-  if (maps.field) report_field(mask, maps, report);
+  if (maps.field) report_field(region, maps, report);
   times.lap("field");
   check_direction(options, fixed, moving, mask, maps, landmarks, report);
   const auto reference = compare_with_reference(options, fixed, moving, maps, options.mask.empty() ? std::nullopt : std::optional(mask));

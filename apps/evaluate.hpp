@@ -58,7 +58,10 @@ void read_others(std::vector<Other>& others, const Image& moving, const Mask& ma
 
 /// Empty without landmarks. Input error when none can be used.
 Landmarks read_landmarks(const EvaluateOptions& options, const Grid& fixed, const std::optional<Image>& moving, const Maps& maps);
-/// Errors before, of the others and after; the others where they know the landmark.
+/// Leaves out those that one of the others does not know, so that all are judged by the same points. Input error when none
+/// is left.
+void leave_out_unknown(Landmarks& landmarks, const std::vector<Other>& others);
+/// Errors before, of the others and after.
 void report_landmarks(const Landmarks& landmarks, const std::vector<Other>& others, const Maps& maps, Json& report);
 std::string landmark_table(const Landmarks& landmarks, const Maps& maps);
 
@@ -92,8 +95,14 @@ void report_contours(const std::vector<NamedContour>& contours, const Image& fix
 void print_contours(const Json& contours);
 std::string contour_table(const Json& contours);
 
+/// Where the Jacobian of the transform counts (the mask, where the transform is known), and its determinant there.
+struct FieldRegion {
+  Mask counted;
+  Image ratio;
+};
+
 /// What the report shows of images and field, around `where`.
-ReportView view_of(const Image& fixed, const std::optional<Image>& moving, const std::vector<Other>& others, const std::optional<Image>& warped, const Maps& maps, const Mask& where);
+ReportView view_of(const Image& fixed, const std::optional<Image>& moving, const std::vector<Other>& others, const std::optional<Image>& warped, const Maps& maps, const FieldRegion& region, const Mask& where);
 /// The facts of the report: evaluation.json, the files that were read, and the figure of the reference.
 Json report_facts(const EvaluateOptions& options, const Image& fixed, const std::optional<Image>& moving, const std::optional<ReferenceComparison>& reference, const Json& evaluation);
 

@@ -16,15 +16,14 @@ bool inside(const Grid& grid, const Vec3d& point) {
   return in;
 }
 
-/// Of the landmarks that it knows; nothing when there are none.
-std::optional<PointErrors> errors_of(const Other& other, const Landmarks& landmarks) {
-  std::vector<Vec3d> mapped, moving;
-  for (std::size_t p = 0; p < landmarks.rows.size(); ++p) {
+PointErrors errors_of(const Other& other, const Landmarks& landmarks) {
+  std::vector<Vec3d> mapped;
+  for (const Vec3d& f : landmarks.fixed) {
     Vec3d v;
-    if (other.there(landmarks.fixed[p], v)) mapped.push_back(landmarks.fixed[p] + v), moving.push_back(landmarks.moving[p]);
+    other.there(f, v);
+    mapped.push_back(f + v);
   }
-  if (mapped.empty()) return {};
-  return point_errors(mapped, moving);
+  return point_errors(mapped, landmarks.moving);
 }
 
 }  // namespace
@@ -55,19 +54,36 @@ Landmarks read_landmarks(const EvaluateOptions& options, const Grid& fixed, cons
   return landmarks;
 }
 
+void leave_out_unknown(Landmarks& landmarks, const std::vector<Other>& others) {
+  Landmarks known;
+  known.left_out = landmarks.left_out;
+  for (std::size_t p = 0; p < landmarks.rows.size(); ++p) {
+    Vec3d v;
+    const bool by_all = std::all_of(others.begin(), others.end(), [&](const Other& other) { return other.there(landmarks.fixed[p], v); });
+    if (!by_all) {
+      known.left_out.push_back(landmarks.rows[p]);
+      continue;
+    }
+    known.rows.push_back(landmarks.rows[p]);
+    known.fixed.push_back(landmarks.fixed[p]), known.moving.push_back(landmarks.moving[p]), known.mapped.push_back(landmarks.mapped[p]);
+  }
+  std::sort(known.left_out.begin(), known.left_out.end());
+  require(landmarks.rows.empty() || !known.rows.empty(), "no landmark is known to all registrations that are compared; leave out the one of --beside whose field is too small");
+  landmarks = std::move(known);
+}
+
 void report_landmarks(const Landmarks& landmarks, const std::vector<Other>& others, const Maps& maps, Json& report) {
   if (landmarks.rows.empty()) return;
   Json& j = report["landmarks"];
   j["before"] = describe(point_errors(landmarks.fixed, landmarks.moving));
-  for (const Other& other : others)
-    if (const auto errors = errors_of(other, landmarks)) j[other.name] = describe(*errors);
+  for (const Other& other : others) j[other.name] = describe(errors_of(other, landmarks));
   if (maps.there) j["after"] = describe(point_errors(landmarks.mapped, landmarks.moving));
   j["left_out_rows"] = landmarks.left_out;
   if (landmarks.left_out.empty()) return;
   std::string rows;
   for (std::size_t p = 0; p < std::min(rows_to_name, landmarks.left_out.size()); ++p) rows += concatenate(p ? ", " : "", landmarks.left_out[p]);
   if (landmarks.left_out.size() > rows_to_name) rows += ", ...";
-  note(report, concatenate(landmarks.left_out.size(), " of ", landmarks.left_out.size() + landmarks.rows.size(), " landmarks lie outside the images or the displacement field and are left out (row ", rows, ")"));
+  note(report, concatenate(landmarks.left_out.size(), " of ", landmarks.left_out.size() + landmarks.rows.size(), " landmarks lie outside the images or a displacement field and are left out (row ", rows, ")"));
 }
 
 std::string landmark_table(const Landmarks& landmarks, const Maps& maps) {

@@ -9,12 +9,13 @@ namespace mtled {
 namespace {
 
 constexpr std::size_t most_others = 5;  ///< that the report can show
-constexpr const char* taken[] = {"fixed", "before", "after"};
+/// Names of images, and of what else stands beside them in the tables and in the report.
+constexpr const char* taken[] = {"fixed", "moving", "warped", "before", "after", "mtled", "edges", "displacement", "jacobian", "shear_modulus", "left_out_rows"};
 
 void require_name(const std::string& name, const std::string& text, const std::vector<Other>& others) {
   const bool simple = !name.empty() && std::all_of(name.begin(), name.end(), [](unsigned char c) { return std::isalnum(c) || c == ' ' || c == '-' || c == '_' || c == '.'; });
   if (!simple) fail(Failure::usage, "--beside ", text, ": write NAME=FILE with a name of letters, digits, spaces and -_. such as B-spline=result/fixed_to_moving.nrrd");
-  if (std::find(std::begin(taken), std::end(taken), name) != std::end(taken)) fail(Failure::usage, "--beside ", text, ": the name '", name, "' is that of the images themselves; choose another one");
+  if (std::find(std::begin(taken), std::end(taken), name) != std::end(taken)) fail(Failure::usage, "--beside ", text, ": the name '", name, "' has a meaning of its own in the results; choose another one");
   if (std::any_of(others.begin(), others.end(), [&](const Other& o) { return o.name == name; })) fail(Failure::usage, "--beside ", text, ": the name '", name, "' is there twice; give every registration its own");
 }
 

@@ -8,7 +8,7 @@ constexpr double report_margin_mm = 20;  ///< around what is compared
 
 }  // namespace
 
-ReportView view_of(const Image& fixed, const std::optional<Image>& moving, const std::vector<Other>& others, const std::optional<Image>& warped, const Maps& maps, const Mask& where) {
+ReportView view_of(const Image& fixed, const std::optional<Image>& moving, const std::vector<Other>& others, const std::optional<Image>& warped, const Maps& maps, const FieldRegion& region, const Mask& where) {
   ReportView view;
   view.add_space("fixed", view_grid(fixed.grid, report_voxels, &where, report_margin_mm));
   const GreyScale scale = grey_scale_of(fixed);
@@ -16,22 +16,22 @@ ReportView view_of(const Image& fixed, const std::optional<Image>& moving, const
   if (moving) view.add_image("before", "Moving image, as it was", "fixed", *moving, scale);
   for (const Other& other : others) view.add_image(other.name, "Moving image, " + other.name, "fixed", other.warped, scale);
   if (warped) view.add_image("after", "Moving image, registered", "fixed", *warped, scale);
-  if (maps.field) add_field(view, maps.field->displacement, intersection(where, maps.field->covered));
+  if (maps.field) add_field(view, maps.field->displacement, region.counted, region.ratio);
   return view;
 }
 
 Json report_facts(const EvaluateOptions& options, const Image& fixed, const std::optional<Image>& moving, const std::optional<ReferenceComparison>& reference, const Json& evaluation) {
   Json facts = facts_of_evaluation(evaluation);
   facts["inputs"] = Json::array();
-  const auto list = [&](const char* role, const std::filesystem::path& path, const Grid* grid = nullptr) {
-    if (!path.empty()) list_input(facts["inputs"], role, path.string(), grid);
+  const auto list = [&](const char* option, const std::filesystem::path& path, const Grid* grid = nullptr) {
+    if (!path.empty()) list_input(facts["inputs"], role_of(option), path.string(), grid);
   };
   list("fixed", options.fixed, &fixed.grid);
   list("moving", options.moving, moving ? &moving->grid : nullptr);
   list("warped", options.warped, &fixed.grid);
   list("transform", options.transform);
   list("inverse-transform", options.inverse_transform);
-  for (const Other& other : parse_others(options.beside)) list(other.name.c_str(), other.file);
+  for (const Other& other : parse_others(options.beside)) list_input(facts["inputs"], other.name, other.file.string());
   list("mask", options.mask);
   list("fixed-labels", options.fixed_labels);
   list("moving-labels", options.moving_labels);

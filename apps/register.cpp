@@ -156,7 +156,7 @@ ReportView view_of(const ImagePair& pair, const Tissue& tissue, const Fields& fi
   for (float& value : modulus.data)
     if (!(value > 0)) value = std::nanf("");
   view.add_numbers({"shear_modulus", "Shear modulus", "kPa", {0, 5}, false, 0, true}, "moving", modulus);
-  add_field(view, fields.inverse.displacement, fields.inverse.covered);
+  add_field(view, fields.inverse.displacement, fields.inverse.covered, volume_ratio(fields.inverse.displacement, fields.inverse.covered));
   return view;
 }
 
@@ -164,7 +164,7 @@ Json report_facts(const ImagePair& pair, const RegisterOptions& options, const J
   Json facts = facts_of_registration(metrics, manifest);
   facts["inputs"] = Json::array();
   for (const auto& [role, input] : manifest["inputs"].items())
-    list_input(facts["inputs"], role, input["path"], role == "moving" ? &pair.moving.grid : role == "fixed" ? &pair.fixed.grid : nullptr, input["md5"]);
+    list_input(facts["inputs"], role_of(role), input["path"], role == "moving" ? &pair.moving.grid : role == "fixed" ? &pair.fixed.grid : nullptr, input["md5"]);
   const CannyOptions& canny = options.evaluation.canny;
   facts["edge_settings"] = {{"canny_sigma_mm", canny.sigma_mm}, {"canny_lower_per_mm", canny.lower_threshold}, {"canny_upper_per_mm", canny.upper_threshold}, {"edges", "3-D"}};
   return facts;

@@ -28,7 +28,7 @@ std::string name_of(const std::string& id) {
   return id;
 }
 
-/// In the order of the tables those of which something is known.
+/// Those of which something is known: the images as they lay first, the registration that is judged last.
 Json candidates_in(const Json& facts) {
   Json list = Json::array();
   for (const char* group : {"edges", "landmarks", "labels"}) {
@@ -36,6 +36,8 @@ Json candidates_in(const Json& facts) {
     for (const auto& [id, values] : facts[group].items())
       if (std::none_of(list.begin(), list.end(), [&, key = id](const Json& c) { return c["id"] == key; })) list.push_back({{"id", id}, {"name", name_of(id)}});
   }
+  const auto place = [](const Json& c) { return c["id"] == "before" ? 0 : c["id"] == "after" || c["id"] == "mtled" ? 2 : 1; };
+  std::stable_sort(list.begin(), list.end(), [&](const Json& a, const Json& b) { return place(a) < place(b); });
   return list;
 }
 
@@ -66,10 +68,14 @@ std::string joined(const Json& values) {
 
 }  // namespace
 
+std::string role_of(std::string option) {
+  if (option == "fixed" || option == "moving" || option == "warped") option += " image";
+  std::replace(option.begin(), option.end(), '-', ' ');
+  return option;
+}
+
 void list_input(Json& inputs, const std::string& role, const std::string& path, const Grid* grid, const std::string& md5) {
-  std::string words = role == "fixed" || role == "moving" || role == "warped" ? role + " image" : role;
-  std::replace(words.begin(), words.end(), '-', ' ');
-  Json input{{"role", words}, {"path", path}};
+  Json input{{"role", role}, {"path", path}};
   if (!md5.empty()) input["md5"] = md5;
   if (grid) input["size"] = grid->size, input["spacing_mm"] = {grid->spacing.x, grid->spacing.y, grid->spacing.z};
   inputs.push_back(input);

@@ -5,8 +5,9 @@
 
 namespace mtled {
 
-/// Adds a file that was read to the list `inputs` of the facts. `role`: the option that named it. `grid`: null where it is
-/// no image.
+/// Adds a file that was read to the list `inputs` of the facts. `grid`: null where it is no image.
+/// What the file of an option is: "fixed image" of fixed, "moving labels" of moving-labels.
+std::string role_of(std::string option);
 void list_input(Json& inputs, const std::string& role, const std::string& path, const Grid* grid = nullptr, const std::string& md5 = {});
 
 /// The facts of a report (docs/report.md) of what `register` found: its metrics.json and manifest.json.

@@ -7,7 +7,7 @@ usage: scripts/compare.py --moving M --fixed F --moving-labels VM --output DIR [
 Each registration goes into a folder of its own under DIR; all are judged by one `mtled evaluate` in one mask, the body
 that mechanics deformed. Writes DIR/comparison.md (a table and the commands), DIR/evaluation/report.html (curves, tables
 and pictures of all in one page) and, where matplotlib is installed, DIR/percentiles.png (Hausdorff distance over
-percentile). Registrations that are there already are not done again.
+percentile). Registrations that are there already, made by the same commands, are not done again.
 """
 import argparse, json, pathlib, shlex, subprocess, sys
 
@@ -28,12 +28,20 @@ out.mkdir(parents=True, exist_ok=True)
 commands = []
 
 
-def run(*command):
-    commands.append(shlex.join(["mtled", *map(str, command)]))
+def run(*command, into):
+    """Runs a verb with its output in a folder, unless the same command has filled that already."""
+    commands.append(shlex.join(["mtled", *map(str, command), "--output", str(into)]))
+    record = into / "command.txt"
+    if record.exists() and any((into / end).exists() for end in ("manifest.json", "summary.json")):
+        if record.read_text().strip() == commands[-1]:
+            return
+        sys.exit(f"compare: {into} holds the results of another command:\n  {record.read_text().strip()}\nnot of\n  {commands[-1]}\nRemove that folder, or choose another --output")
     print(commands[-1], file=sys.stderr)
+    command = [*command, "--output", into, "--force"]
     done = subprocess.run([a.program, *map(str, command)], stdout=subprocess.PIPE, text=True)
     if done.returncode:
         sys.exit(f"compare: `{commands[-1]}` ended with code {done.returncode}; its message is above")
+    record.write_text(commands[-1] + "\n")
 
 
 images = ["--moving", a.moving, "--fixed", a.fixed]
@@ -48,11 +56,10 @@ ways = {
 }
 folders = {name: out / name.replace(" then ", "_").lower() for name in ways}
 for name, command in ways.items():
-    if not any((folders[name] / done).exists() for done in ("manifest.json", "summary.json")):
-        run(*command, "--output", folders[name], "--force")
+    run(*command, into=folders[name])
 beside = [part for name in ways if name != "mechanics" for part in ("--beside", f"{name}={folders[name]}")]
 run("evaluate", "--fixed", a.fixed, "--moving", a.moving, "--result", folders["mechanics"], *beside, "--mask", folders["mechanics"] / "warped_body.nii.gz",
-    "--moving-labels", a.moving_labels, *labels, *landmarks, "--output", out / "evaluation", "--force")
+    "--moving-labels", a.moving_labels, *labels, *landmarks, into=out / "evaluation")
 report = json.loads((out / "evaluation" / "evaluation.json").read_text())
 
 

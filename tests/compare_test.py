@@ -102,13 +102,17 @@ class Compare(unittest.TestCase):
         self.assertGreater(float(table["mechanics"]["Dice (mean)"]), 0.95)
         self.assertLess(float(table["mechanics"]["landmarks: mean mm"]), 0.5 * SHIFT / 2)
         self.assertEqual((self.folder / "out" / "percentiles.png").exists(), importlib.util.find_spec("matplotlib") is not None)
-        commands = (self.folder / "out" / "comparison.md").read_text().split("Commands:")[1]
-        self.assertEqual(sum(commands.count(verb) for verb in ("mtled register", "mtled baseline")), 4)
+        commands = (self.folder / "out" / "comparison.md").read_text()
+        self.assertEqual(sum(commands.count(verb) for verb in ("mtled register", "mtled baseline", "mtled evaluate")), 5)
+        times = {file: file.stat().st_mtime_ns for file in (self.folder / "out").glob("*/*.nrrd")}
         again = self.compare(*mechanics)
         self.assertEqual(again.returncode, 0, again.stderr)
         self.assertEqual(again.stdout, done.stdout)
-        commands = (self.folder / "out" / "comparison.md").read_text().split("Commands:")[1]
-        self.assertEqual(sum(commands.count(verb) for verb in ("mtled register", "mtled baseline")), 0, "registrations that are there are not done again")
+        self.assertEqual((self.folder / "out" / "comparison.md").read_text(), commands)
+        self.assertEqual({file: file.stat().st_mtime_ns for file in times}, times, "registrations that are there are not done again")
+        other = self.compare(*mechanics[:-1], "9")
+        self.assertNotEqual(other.returncode, 0)
+        self.assertIn("results of another command", other.stderr)
 
     def test_refusals(self):
         done = self.compare(moving="absent.nrrd")

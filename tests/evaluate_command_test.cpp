@@ -394,6 +394,9 @@ TEST_F(Evaluate, ReportShowsWhatThereIs) {
   report(everything("-t", file("wrong.tfm")));
   EXPECT_EQ(program::report_data(file("out/report.html"))["verdict"]["level"], "bad");
 
+  report({"-w", file("fixed.nrrd"), "-t", file("right.tfm"), "--landmarks", file("landmarks.csv")});
+  EXPECT_EQ(program::ids_of(program::report_data(file("out/report.html"))["candidates"]), (Strings{"before", "after"})) << "the judged one is last, though edges are known of it alone";
+
   report({"-w", file("fixed.nrrd")});
   const Json little = program::report_data(file("out/report.html"));
   EXPECT_EQ(program::ids_of(little["candidates"]), (Strings{"after"}));

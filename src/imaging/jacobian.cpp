@@ -101,20 +101,23 @@ double sd_log_of_learn2reg(const VectorImage& displacement, const Mask& where, c
 
 }  // namespace
 
-JacobianStatistics jacobian_statistics(const VectorImage& displacement, const Mask& where) {
-  require(same_grid(displacement.grid, where.grid),
-          "the displacement and the mask lie on different grids; compute both "
-          "on the same grid");
+Image volume_ratio(const VectorImage& displacement, const Mask& where) {
+  require(same_grid(displacement.grid, where.grid), "the displacement and the mask lie on different grids; compute both on the same grid");
   const DeterminantAtVoxel determinant_at(displacement, &where);
-  std::vector<float> values(where.data.size(), std::numeric_limits<float>::quiet_NaN());
+  Image ratio(where.grid, std::numeric_limits<float>::quiet_NaN());
   for_each_voxel(where.grid, [&](int i, int j, int k, std::size_t voxel) {
     double value;
-    if (where.data[voxel] && determinant_at(i, j, k, voxel, value)) values[voxel] = float(value);
+    if (where.data[voxel] && determinant_at(i, j, k, voxel, value)) ratio.data[voxel] = float(value);
   });
+  return ratio;
+}
+
+JacobianStatistics jacobian_statistics(const VectorImage& displacement, const Mask& where) { return jacobian_statistics(displacement, where, volume_ratio(displacement, where)); }
+
+JacobianStatistics jacobian_statistics(const VectorImage& displacement, const Mask& where, const Image& ratio) {
+  const std::vector<float>& values = ratio.data;
   OrderStatistics order(values);
-  require(order.count() > 0,
-          "no voxel of the mask has neighbours in it, so the volume change cannot be computed; give a mask of "
-          "the body");
+  require(order.count() > 0, "no voxel of the mask has neighbours in it, so the volume change cannot be computed; give a mask of the body");
 
   JacobianStatistics result;
   result.voxels = order.count();
@@ -131,24 +134,10 @@ JacobianStatistics jacobian_statistics(const VectorImage& displacement, const Ma
   return result;
 }
 
-Image volume_ratio(const VectorImage& displacement, const Mask& where) {
-  require(same_grid(displacement.grid, where.grid), "the displacement and the mask lie on different grids; compute both on the same grid");
-  const DeterminantAtVoxel determinant_at(displacement, &where);
-  Image ratio(where.grid, std::numeric_limits<float>::quiet_NaN());
-  for_each_voxel(where.grid, [&](int i, int j, int k, std::size_t voxel) {
-    double value;
-    if (where.data[voxel] && determinant_at(i, j, k, voxel, value)) ratio.data[voxel] = float(value);
-  });
-  return ratio;
-}
-
 Mask folded_voxels(const VectorImage& displacement, const Mask& where) {
-  const DeterminantAtVoxel determinant_at(displacement, &where);
+  const Image ratio = volume_ratio(displacement, where);
   Mask folded(where.grid);
-  for_each_voxel(where.grid, [&](int i, int j, int k, std::size_t voxel) {
-    double value;
-    folded.data[voxel] = where.data[voxel] && determinant_at(i, j, k, voxel, value) && value <= 0;
-  });
+  for (std::size_t v = 0; v < folded.data.size(); ++v) folded.data[v] = ratio.data[v] <= 0;
   return folded;
 }
 

@@ -80,6 +80,8 @@ struct JacobianStatistics {
 /// direction. A voxel without a neighbour in `where` along some axis is not counted. Throws an input error when none
 /// counts or the grids differ.
 JacobianStatistics jacobian_statistics(const VectorImage& displacement, const Mask& where);
+/// The same where volume_ratio() is known already.
+JacobianStatistics jacobian_statistics(const VectorImage& displacement, const Mask& where, const Image& ratio);
 /// The determinant itself; NaN where it is not counted.
 Image volume_ratio(const VectorImage& displacement, const Mask& where);
 /// 1 at the voxels that count as folded there; both on the same grid.

@@ -8,7 +8,6 @@
 #include "core/parallel.hpp"
 #include "imaging/percentile.hpp"
 #include "imaging/slices.hpp"
-#include "imaging/warp.hpp"
 
 namespace mtled {
 namespace {
@@ -100,7 +99,7 @@ Image magnitude(const VectorImage& field, const Mask& known) {
   return size;
 }
 
-void add_field(ReportView& view, const VectorImage& displacement, const Mask& known) {
+void add_field(ReportView& view, const VectorImage& displacement, const Mask& known, const Image& ratio) {
   {
     const Image size = magnitude(displacement, known);
     float largest = 0;
@@ -109,7 +108,6 @@ void add_field(ReportView& view, const VectorImage& displacement, const Mask& kn
     view.add_numbers({"displacement", "Displacement", "mm", {0, largest > 0 ? double(largest) : 1}}, "fixed", size);
   }
   view.set_arrows(displacement, known);
-  const Image ratio = volume_ratio(displacement, known);
   Mask folded(ratio.grid);
   bool any = false;
   for (std::size_t v = 0; v < ratio.data.size(); ++v)

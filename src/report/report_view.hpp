@@ -50,7 +50,8 @@ class ReportView {
 
 /// |v| [mm] where it is known, NaN elsewhere.
 Image magnitude(const VectorImage& field, const Mask& known);
-/// Adds |v|, arrows, and det J (volume in the moving over volume in the fixed image) of the map fixed -> moving.
-void add_field(ReportView& view, const VectorImage& displacement, const Mask& known);
+/// Adds |v|, arrows, and det J (volume in the moving over volume in the fixed image) of the map fixed -> moving; `ratio`:
+/// its volume_ratio().
+void add_field(ReportView& view, const VectorImage& displacement, const Mask& known, const Image& ratio);
 
 }  // namespace mtled
