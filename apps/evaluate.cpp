@@ -18,14 +18,14 @@ LabelMaps read_label_maps(const EvaluateOptions& options, const Grid& fixed, con
   LabelMaps labels;
   if (!options.fixed_labels.empty()) labels.fixed = labels_on(fixed, options.fixed_labels, "fixed labels");
   if (!options.moving_labels.empty()) labels.moving = read_labels(options.moving_labels, "moving labels");
-  if (labels.moving) labels.before = labels_at(*labels.moving, fixed);
+  if (labels.moving && labels.fixed) labels.before = labels_at(*labels.moving, fixed);
   if (!options.warped_labels.empty()) labels.after = labels_on(fixed, options.warped_labels, "warped labels");
   else if (labels.moving && maps.field) labels.after = warp_labels(*labels.moving, maps.field->displacement);
   return labels;
 }
 
 void report_labels(const LabelMaps& labels, const std::vector<Other>& others, const Maps& maps, Json& report) {
-  if (labels.fixed && labels.before) report["labels"]["before"] = describe(label_overlap(*labels.before, *labels.fixed));
+  if (labels.before) report["labels"]["before"] = describe(label_overlap(*labels.before, *labels.fixed));
   for (const Other& other : others)
     if (labels.fixed && other.labels) report["labels"][other.name] = describe(label_overlap(*other.labels, *labels.fixed));
   if (labels.fixed && labels.after) {
@@ -81,7 +81,10 @@ void check_usage(const CLI::App& verb, const EvaluateOptions& options) {
   if (options.fixed_landmarks.empty() != options.moving_landmarks.empty()) require_option(verb, "--fixed-landmarks"), require_option(verb, "--moving-landmarks");
   if (!options.fixed_landmarks.empty() && !options.evaluation.landmarks.empty()) fail(Failure::usage, "--landmarks holds the points of both images; give either that or --fixed-landmarks and --moving-landmarks");
   if (!options.fixed_labels.empty() && options.moving_labels.empty() && !has_transform) require_option(verb, "--warped-labels");
-  if (!parse_others(options.beside).empty()) require_option(verb, "--moving");
+  if (!parse_others(options.beside).empty()) {
+    require_option(verb, "--moving");
+    if (!has_transform && options.warped.empty()) require_option(verb, "--transform");
+  }
   check_contours(verb, options, has_transform);
   check_reference(verb, options);
   if (options.fixed_labels.empty() && (!options.warped_labels.empty() || (!options.moving_labels.empty() && !has_transform))) require_option(verb, "--fixed-labels");
@@ -106,6 +109,8 @@ void run(CLI::App& verb, EvaluateOptions& options) {
   announce(options, "reading transforms");
   const Maps maps = read_maps(options, fixed.grid, moving);
   Landmarks landmarks = read_landmarks(options, fixed.grid, moving, maps);
+  for (const auto* file : {&options.reference_transform, &options.reference_inverse_transform, &options.reference_points})
+    require(file->empty() || std::filesystem::exists(*file), "reference '", file->string(), "' does not exist; check its name");
   const OutputDirectory output(options.output, options.force);
   times.lap("transforms");
   announce(options, "evaluating");
@@ -122,20 +127,21 @@ void run(CLI::App& verb, EvaluateOptions& options) {
   }
   if (moving) {
     Mask inside;
-    if (maps.field && !warped) {
-      warped = warp_continued(*moving, fixed.grid, &maps.field->displacement, inside);
+    if (maps.field) {
+      Image by_transform = warp_continued(*moving, fixed.grid, &maps.field->displacement, inside);
       where = intersection(std::move(where), inside);
+      if (!warped) warped = std::move(by_transform);
     }
     before = warp_continued(*moving, fixed.grid, nullptr, inside);
     if (!maps.field) where = intersection(std::move(where), inside);
   }
+  require(count(where) > 0, maps.field ? "the transform leads no voxel of the fixed image (within the mask) into the moving image; check that it belongs to these images and maps points of the fixed to the moving image"
+                                       : "the moving image does not overlap the fixed image (within the mask) in space; give the transform between them");
   times.lap("warping");
   const LabelMaps labels = read_label_maps(options, fixed.grid, maps);
   std::vector<Other> others = parse_others(options.beside);
-  if (moving) read_others(others, *moving, mask, labels, where, report);
+  if (moving) read_others(others, *moving, mask, labels, landmarks, where, report);
   leave_out_unknown(landmarks, others);
-  require(count(where) > 0, maps.field ? "the transform leads no voxel of the fixed image (within the mask) into the moving image; check that it belongs to these images and maps points of the fixed to the moving image"
-                                       : "the moving image does not overlap the fixed image (within the mask) in space; give the transform between them");
   times.lap("label maps and others");
   std::vector<NamedImage> candidates;
   if (before) candidates.push_back({"before", &*before});
@@ -147,7 +153,7 @@ void run(CLI::App& verb, EvaluateOptions& options) {
   std::optional<ReportView> view;
   if (options.report) view = view_of(fixed, moving, others, warped, maps, region, where), times.lap("report");
   if (!candidates.empty())
-    report["edges"] = compare_edges_of(fixed, candidates, canny, where, moving ? &moving->grid : nullptr, options.slices ? EdgeSpace::slices : EdgeSpace::volume,
+    report["edges"] = compare_edges_of(fixed, candidates, canny, where, moving ? &moving->grid : nullptr, options.slices ? EdgeSpace::slices : EdgeSpace::volume, report,
                                        [&](const std::string& name, const Mask& edges) { if (view) view->add_edges(name, edges); });
   times.lap("edges");
   report_labels(labels, others, maps, report);
@@ -164,7 +170,7 @@ void run(CLI::App& verb, EvaluateOptions& options) {
 
   if (report.contains("edges")) write_text(output / "edges.csv", edge_table(report["edges"]));
   if (report.contains("labels")) write_text(output / "labels.csv", label_table(report["labels"]));
-  if (report.contains("landmarks")) write_text(output / "landmarks.csv", landmark_table(landmarks, maps));
+  if (report.contains("landmarks")) write_text(output / "landmarks.csv", landmark_table(landmarks, others, maps));
   if (report.contains("contours")) write_text(output / "contours.csv", contour_table(report["contours"]));
   if (reference) {
     write_text(output / "field_difference.csv", reference_table(reference->difference));
@@ -173,7 +179,11 @@ void run(CLI::App& verb, EvaluateOptions& options) {
   times.lap("writing");
   report["stages"] = times.report();
   write_text(output / "evaluation.json", report.dump(1) + "\n");
-  if (view) write_report(output / "report.html", report_facts(options, fixed, moving, reference, report), *view);
+  if (view) {
+    Json facts = report_facts(options, fixed, moving, others, reference, report);
+    facts["settings"] = settings_of(verb);
+    write_report(output / "report.html", std::move(facts), *view);
+  }
   print_report(report);
 }
 

@@ -31,6 +31,8 @@ struct Landmarks {
   std::vector<std::size_t> rows, left_out;   ///< from 1
 };
 
+/// The map `there` at the voxels of the fixed grid. A field that lies on it already is taken out of `there`, not copied.
+std::shared_ptr<const DenseField> field_on(const Grid& fixed, DisplacementFunction& there);
 /// Throws an input error for files that are no transforms.
 Maps read_maps(EvaluateOptions& options, const Grid& fixed, const std::optional<Image>& moving);
 /// Whether the transform taken as a map moving -> fixed fits much better, by landmarks and by the images. Of large images
@@ -46,24 +48,26 @@ struct LabelMaps {
 struct Other {
   std::string name;
   std::filesystem::path file;
-  DisplacementFunction there;  ///< fixed -> moving
   Image warped;
-  std::optional<LabelImage> labels;  ///< warped, if there are moving labels
+  std::optional<LabelImage> labels;           ///< warped, if there are moving labels
+  std::vector<std::optional<Vec3d>> mapped;   ///< the fixed landmarks; nothing where it is not known
 };
 /// Of texts NAME=FILE or NAME=FOLDER of a result; files are not read yet. Usage errors: no such text, a name that is taken.
 std::vector<Other> parse_others(const std::vector<std::string>& texts);
-/// Reads their transforms, warps by them, and puts Jacobian and rigidity into report["beside"]. Voxels of `where` that one
-/// of them does not know or sends out of the moving image are cleared.
-void read_others(std::vector<Other>& others, const Image& moving, const Mask& mask, const LabelMaps& labels, Mask& where, Json& report);
+/// Reads their transforms, warps images, labels and landmarks by them, and puts Jacobian and rigidity into
+/// report["beside"]. Voxels of `where` that one of them does not know or sends out of the moving image are cleared. Input
+/// error when none is left.
+void read_others(std::vector<Other>& others, const Image& moving, const Mask& mask, const LabelMaps& labels, const Landmarks& landmarks, Mask& where, Json& report);
 
 /// Empty without landmarks. Input error when none can be used.
 Landmarks read_landmarks(const EvaluateOptions& options, const Grid& fixed, const std::optional<Image>& moving, const Maps& maps);
 /// Leaves out those that one of the others does not know, so that all are judged by the same points. Input error when none
 /// is left.
-void leave_out_unknown(Landmarks& landmarks, const std::vector<Other>& others);
+void leave_out_unknown(Landmarks& landmarks, std::vector<Other>& others);
 /// Errors before, of the others and after.
 void report_landmarks(const Landmarks& landmarks, const std::vector<Other>& others, const Maps& maps, Json& report);
-std::string landmark_table(const Landmarks& landmarks, const Maps& maps);
+/// `others` as they were read: a row for every pair that counts.
+std::string landmark_table(const Landmarks& landmarks, const std::vector<Other>& others, const Maps& maps);
 
 /// The difference from a displacement that is known otherwise, by finite elements for example.
 struct ReferenceComparison {
@@ -104,10 +108,8 @@ struct FieldRegion {
 /// What the report shows of images and field, around `where`.
 ReportView view_of(const Image& fixed, const std::optional<Image>& moving, const std::vector<Other>& others, const std::optional<Image>& warped, const Maps& maps, const FieldRegion& region, const Mask& where);
 /// The facts of the report: evaluation.json, the files that were read, and the figure of the reference.
-Json report_facts(const EvaluateOptions& options, const Image& fixed, const std::optional<Image>& moving, const std::optional<ReferenceComparison>& reference, const Json& evaluation);
+Json report_facts(const EvaluateOptions& options, const Image& fixed, const std::optional<Image>& moving, const std::vector<Other>& others, const std::optional<ReferenceComparison>& reference, const Json& evaluation);
 
-/// Prints a warning and keeps it in the report.
-void note(Json& report, const std::string& text);
 /// Voxels that are not 0.
 std::size_t count(const Mask& mask);
 Mask intersection(Mask a, const Mask& b);

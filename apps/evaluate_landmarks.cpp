@@ -16,14 +16,10 @@ bool inside(const Grid& grid, const Vec3d& point) {
   return in;
 }
 
-PointErrors errors_of(const Other& other, const Landmarks& landmarks) {
-  std::vector<Vec3d> mapped;
-  for (const Vec3d& f : landmarks.fixed) {
-    Vec3d v;
-    other.there(f, v);
-    mapped.push_back(f + v);
-  }
-  return point_errors(mapped, landmarks.moving);
+std::vector<Vec3d> all(const std::vector<std::optional<Vec3d>>& points) {
+  std::vector<Vec3d> values;
+  for (const auto& point : points) values.push_back(*point);
+  return values;
 }
 
 }  // namespace
@@ -54,29 +50,27 @@ Landmarks read_landmarks(const EvaluateOptions& options, const Grid& fixed, cons
   return landmarks;
 }
 
-void leave_out_unknown(Landmarks& landmarks, const std::vector<Other>& others) {
-  Landmarks known;
-  known.left_out = landmarks.left_out;
+void leave_out_unknown(Landmarks& landmarks, std::vector<Other>& others) {
+  std::vector<std::size_t> kept;
   for (std::size_t p = 0; p < landmarks.rows.size(); ++p) {
-    Vec3d v;
-    const bool by_all = std::all_of(others.begin(), others.end(), [&](const Other& other) { return other.there(landmarks.fixed[p], v); });
-    if (!by_all) {
-      known.left_out.push_back(landmarks.rows[p]);
-      continue;
-    }
-    known.rows.push_back(landmarks.rows[p]);
-    known.fixed.push_back(landmarks.fixed[p]), known.moving.push_back(landmarks.moving[p]), known.mapped.push_back(landmarks.mapped[p]);
+    if (std::all_of(others.begin(), others.end(), [p](const Other& other) { return other.mapped[p].has_value(); })) kept.push_back(p);
+    else landmarks.left_out.push_back(landmarks.rows[p]);
   }
-  std::sort(known.left_out.begin(), known.left_out.end());
-  require(landmarks.rows.empty() || !known.rows.empty(), "no landmark is known to all registrations that are compared; leave out the one of --beside whose field is too small");
-  landmarks = std::move(known);
+  require(landmarks.rows.empty() || !kept.empty(), "no landmark is known to all registrations that are compared; leave out the one of --beside whose field is too small");
+  const auto keep = [&](auto& list) {
+    for (std::size_t k = 0; k < kept.size(); ++k) list[k] = list[kept[k]];
+    list.resize(kept.size());
+  };
+  keep(landmarks.rows), keep(landmarks.fixed), keep(landmarks.moving), keep(landmarks.mapped);
+  for (Other& other : others) keep(other.mapped);
+  std::sort(landmarks.left_out.begin(), landmarks.left_out.end());
 }
 
 void report_landmarks(const Landmarks& landmarks, const std::vector<Other>& others, const Maps& maps, Json& report) {
   if (landmarks.rows.empty()) return;
   Json& j = report["landmarks"];
   j["before"] = describe(point_errors(landmarks.fixed, landmarks.moving));
-  for (const Other& other : others) j[other.name] = describe(errors_of(other, landmarks));
+  for (const Other& other : others) j[other.name] = describe(point_errors(all(other.mapped), landmarks.moving));
   if (maps.there) j["after"] = describe(point_errors(landmarks.mapped, landmarks.moving));
   j["left_out_rows"] = landmarks.left_out;
   if (landmarks.left_out.empty()) return;
@@ -86,11 +80,14 @@ void report_landmarks(const Landmarks& landmarks, const std::vector<Other>& othe
   note(report, concatenate(landmarks.left_out.size(), " of ", landmarks.left_out.size() + landmarks.rows.size(), " landmarks lie outside the images or a displacement field and are left out (row ", rows, ")"));
 }
 
-std::string landmark_table(const Landmarks& landmarks, const Maps& maps) {
-  std::string table = maps.there ? "row,fx,fy,fz,mx,my,mz,before_mm,after_mm\n" : "row,fx,fy,fz,mx,my,mz,before_mm\n";
+std::string landmark_table(const Landmarks& landmarks, const std::vector<Other>& others, const Maps& maps) {
+  std::string table = "row,fx,fy,fz,mx,my,mz,before_mm";
+  for (const Other& other : others) table += "," + other.name + "_mm";
+  table += maps.there ? ",after_mm\n" : "\n";
   for (std::size_t p = 0; p < landmarks.rows.size(); ++p) {
     const Vec3d &f = landmarks.fixed[p], &m = landmarks.moving[p];
     table += concatenate(landmarks.rows[p], ",", f.x, ",", f.y, ",", f.z, ",", m.x, ",", m.y, ",", m.z, ",", norm(f - m));
+    for (const Other& other : others) table += concatenate(",", norm(*other.mapped[p] - m));
     if (maps.there) table += concatenate(",", norm(landmarks.mapped[p] - m));
     table += "\n";
   }

@@ -57,16 +57,19 @@ bool inverse_fits_images(const Image& all_fixed, const Image& moving, const Mask
 
 }  // namespace
 
-void note(Json& report, const std::string& text) {
-  warn(text);
-  report["warnings"].push_back(text);
-}
-
 std::size_t count(const Mask& mask) { return std::size_t(std::count_if(mask.data.begin(), mask.data.end(), [](auto v) { return v != 0; })); }
 
 Mask intersection(Mask a, const Mask& b) {
   for (std::size_t v = 0; v < a.data.size(); ++v) a.data[v] = a.data[v] && b.data[v];
   return a;
+}
+
+std::shared_ptr<const DenseField> field_on(const Grid& fixed, DisplacementFunction& there) {
+  DenseDisplacement* dense = there.target<DenseDisplacement>();
+  if (!dense || !same_grid(dense->field->grid, fixed)) return std::make_shared<DenseField>(sample_displacement(there, fixed));
+  const auto field = std::make_shared<DenseField>(std::move(*dense->field), Mask(fixed, 1));
+  there = value_in(field);
+  return field;
 }
 
 Maps read_maps(EvaluateOptions& options, const Grid& fixed, const std::optional<Image>& moving) {
@@ -77,11 +80,8 @@ Maps read_maps(EvaluateOptions& options, const Grid& fixed, const std::optional<
   Maps maps;
   if (!options.transform.empty()) maps.there = read_transform(options.transform, "transform");
   if (!options.inverse_transform.empty()) maps.back = read_transform(options.inverse_transform, "inverse transform");
-  if (DenseDisplacement* dense = maps.there.target<DenseDisplacement>(); dense && same_grid(dense->field->grid, fixed)) {
-    maps.field = std::make_shared<DenseField>(std::move(*dense->field), Mask(fixed, 1));
-    maps.there = value_in(maps.field);
-  } else if (maps.there) {
-    maps.field = std::make_shared<DenseField>(sample_displacement(maps.there, fixed));
+  if (maps.there) {
+    maps.field = field_on(fixed, maps.there);
   } else if (maps.back) {
     maps.computed_inverse = true;
     maps.field = std::make_shared<DenseField>(with_context("inverse transform '" + options.inverse_transform.string() + "'", [&] { return inverted(maps.back, moving ? moving->grid : fixed, fixed); }));

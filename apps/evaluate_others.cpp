@@ -37,18 +37,24 @@ std::vector<Other> parse_others(const std::vector<std::string>& texts) {
   return others;
 }
 
-void read_others(std::vector<Other>& others, const Image& moving, const Mask& mask, const LabelMaps& labels, Mask& where, Json& report) {
+void read_others(std::vector<Other>& others, const Image& moving, const Mask& mask, const LabelMaps& labels, const Landmarks& landmarks, Mask& where, Json& report) {
   for (Other& other : others) {
-    other.there = read_transform(other.file, "transform '" + other.name + "'");
-    const DenseField field = sample_displacement(other.there, mask.grid);
-    where = intersection(std::move(where), field.covered);
+    DisplacementFunction there = read_transform(other.file, "transform '" + other.name + "'");
+    const auto field = field_on(mask.grid, there);
+    const Mask known = intersection(mask, field->covered);
+    require(count(known) > 0, "--beside ", other.name, ": '", other.file.string(), "' is known at no voxel of the fixed image (within the mask); check that it belongs to these images");
     Mask inside;
-    other.warped = warp_continued(moving, mask.grid, &field.displacement, inside);
-    where = intersection(std::move(where), inside);
+    other.warped = warp_continued(moving, mask.grid, &field->displacement, inside);
+    where = intersection(intersection(std::move(where), field->covered), inside);
+    require(count(where) > 0, "--beside ", other.name, ": '", other.file.string(), "' and the registrations before it lead no common voxel (within the mask) into the moving image; check that it maps points of the fixed to the moving image");
+    if (labels.moving) other.labels = warp_labels(*labels.moving, field->displacement);
     Json& j = report["beside"][other.name];
-    j["jacobian"] = describe(jacobian_statistics(field.displacement, intersection(mask, field.covered)));
-    if (labels.moving) other.labels = warp_labels(*labels.moving, field.displacement);
-    if (labels.fixed || other.labels) j["rigidity"] = describe(label_rigidity(labels.fixed ? *labels.fixed : *other.labels, field));
+    j["jacobian"] = describe(jacobian_statistics(field->displacement, known));
+    if (labels.fixed || other.labels) j["rigidity"] = describe(label_rigidity(labels.fixed ? *labels.fixed : *other.labels, *field));
+    for (const Vec3d& f : landmarks.fixed) {
+      Vec3d v;
+      other.mapped.push_back(there(f, v) ? std::optional(f + v) : std::nullopt);
+    }
   }
 }
 

@@ -20,7 +20,7 @@ ReportView view_of(const Image& fixed, const std::optional<Image>& moving, const
   return view;
 }
 
-Json report_facts(const EvaluateOptions& options, const Image& fixed, const std::optional<Image>& moving, const std::optional<ReferenceComparison>& reference, const Json& evaluation) {
+Json report_facts(const EvaluateOptions& options, const Image& fixed, const std::optional<Image>& moving, const std::vector<Other>& others, const std::optional<ReferenceComparison>& reference, const Json& evaluation) {
   Json facts = facts_of_evaluation(evaluation);
   facts["inputs"] = Json::array();
   const auto list = [&](const char* option, const std::filesystem::path& path, const Grid* grid = nullptr) {
@@ -31,7 +31,7 @@ Json report_facts(const EvaluateOptions& options, const Image& fixed, const std:
   list("warped", options.warped, &fixed.grid);
   list("transform", options.transform);
   list("inverse-transform", options.inverse_transform);
-  for (const Other& other : parse_others(options.beside)) list_input(facts["inputs"], other.name, other.file.string());
+  for (const Other& other : others) list_input(facts["inputs"], other.name, other.file.string());
   list("mask", options.mask);
   list("fixed-labels", options.fixed_labels);
   list("moving-labels", options.moving_labels);

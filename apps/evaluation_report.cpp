@@ -15,6 +15,11 @@ void add_evaluation_options(CLI::App& verb, EvaluationOptions& o) {
   verb.add_option("--canny-upper", o.canny.upper_threshold, "upper edge threshold [intensity/mm]")->check(not_negative())->capture_default_str();
 }
 
+void note(Json& report, const std::string& text) {
+  warn(text);
+  report["warnings"].push_back(text);
+}
+
 namespace {
 
 Json number_or_null(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
@@ -73,7 +78,7 @@ Json describe(const std::vector<LabelOverlap>& overlap) {
   return j;
 }
 
-Json compare_edges_of(const Image& fixed, const std::vector<NamedImage>& candidates, const CannyOptions& canny, const Mask& where, const Grid* source, EdgeSpace space,
+Json compare_edges_of(const Image& fixed, const std::vector<NamedImage>& candidates, const CannyOptions& canny, const Mask& where, const Grid* source, EdgeSpace space, Json& report,
                       const std::function<void(const std::string& name, const Mask& edges)>& seen) {
   const auto find_edges = space == EdgeSpace::slices ? canny_edges_of_slices : canny_edges;
   const Mask edges = find_edges(fixed, canny, &where);
@@ -86,7 +91,7 @@ Json compare_edges_of(const Image& fixed, const std::vector<NamedImage>& candida
     if (seen) seen(c.name, of_candidate);
     const EdgeDistance d = compare_edges(edges, of_candidate, largest_voxel, space, source_voxel);
     if (!d.comparable())
-      warn(concatenate(c.name, ": no edges to compare (", d.edges_a, " edge voxels in the fixed image, ", d.edges_b, " in the other); lower --canny-lower and --canny-upper, which are meant for CT (HU per mm), or check the images and their mask"));
+      note(report, concatenate(c.name, ": no edges to compare (", d.edges_a, " edge voxels in the fixed image, ", d.edges_b, " in the other); lower --canny-lower and --canny-upper, which are meant for CT (HU per mm), or check the images and their mask"));
     j[c.name] = describe(d);
   }
   return j;

@@ -14,6 +14,9 @@ struct EvaluationOptions {
 };
 void add_evaluation_options(CLI::App& verb, EvaluationOptions& options);
 
+/// Prints a warning and adds it to report["warnings"].
+void note(Json& report, const std::string& text);
+
 /// Null for what has no value: distances without edges, of labels without voxels.
 Json describe(const EdgeDistance& d);
 Json describe(const JacobianStatistics& s);
@@ -22,24 +25,24 @@ Json describe(const InverseConsistency& c);
 Json describe(const PointErrors& e);
 Json describe(const std::vector<LabelOverlap>& overlap);
 
-/// Edge distances between the fixed image and each named candidate on the fixed grid, inside `where`. Warns of images
-/// without edges. `source`: grid of the moving image, if it is known, whose voxels count in `within two voxels`.
 struct NamedImage {
   std::string name;
   const Image* image;
 };
+/// Edge distances between the fixed image and each named candidate on the fixed grid, inside `where`. Images without edges
+/// are noted in `report`. `source`: grid of the moving image, if it is known, whose voxels count in `within two voxels`.
 /// `seen` gets the edges of the fixed image ("fixed") and of each candidate.
-Json compare_edges_of(const Image& fixed, const std::vector<NamedImage>& candidates, const CannyOptions& canny, const Mask& where, const Grid* source, EdgeSpace space = EdgeSpace::volume,
+Json compare_edges_of(const Image& fixed, const std::vector<NamedImage>& candidates, const CannyOptions& canny, const Mask& where, const Grid* source, EdgeSpace space, Json& report,
                       const std::function<void(const std::string& name, const Mask& edges)>& seen = {});
 
 /// One line per candidate for the terminal: percentile Hausdorff distances of consistent edges and how many these are,
 /// and the share of edges within two voxels, of the consistent ones and of all (the consistency filter hides large errors).
 void print_edges(const Json& edges);
-/// One line per label, its figures before and after side by side.
+/// One line per candidate and label.
 void print_labels(const Json& labels);
 
 /// Tables for spreadsheets. edges.csv: percentile Hausdorff distances [mm] for 1 to 100 per cent; labels.csv: one row per
-/// label and candidate; landmarks.csv: one row per pair [mm].
+/// label and candidate.
 std::string edge_table(const Json& edges);
 std::string label_table(const Json& labels);
 

@@ -71,38 +71,34 @@ Landmarks read_landmarks(const std::filesystem::path& file) {
   return landmarks;
 }
 
-Json landmark_errors(const Landmarks& landmarks, const RigidMotion& rigid, const std::vector<Vec3d>& warped) {
-  Landmarks rigidly = landmarks, inside;
-  for (Vec3d& x : rigidly.moving) x = rigid.apply(x);
+/// Of the landmarks inside the moving image; the others are noted. `warped`: where they go, NaN outside it.
+void report_landmarks(const Landmarks& landmarks, const RigidMotion& rigid, const std::vector<Vec3d>& warped, Json& report) {
+  std::vector<Vec3d> before, rigidly, after, fixed;
   for (std::size_t p = 0; p < warped.size(); ++p)
-    if (std::isfinite(warped[p].x)) inside.moving.push_back(warped[p]), inside.fixed.push_back(landmarks.fixed[p]);
-  Json report;
-  report["before"] = describe(point_errors(landmarks.moving, landmarks.fixed));
-  report["rigid"] = describe(point_errors(rigidly.moving, landmarks.fixed));
-  if (inside.moving.size() < warped.size()) warn(concatenate(warped.size() - inside.moving.size(), " landmarks lie outside the moving image and are left out"));
-  if (!inside.moving.empty()) report["mtled"] = describe(point_errors(inside.moving, inside.fixed));
-  return report;
+    if (std::isfinite(warped[p].x)) before.push_back(landmarks.moving[p]), rigidly.push_back(rigid.apply(landmarks.moving[p])), after.push_back(warped[p]), fixed.push_back(landmarks.fixed[p]);
+  if (fixed.size() < warped.size()) note(report, concatenate(warped.size() - fixed.size(), " of ", warped.size(), " landmarks lie outside the moving image and are left out"));
+  if (fixed.empty()) return;
+  report["landmarks"] = {{"before", describe(point_errors(before, fixed))}, {"rigid", describe(point_errors(rigidly, fixed))}, {"mtled", describe(point_errors(after, fixed))}};
 }
 
-Json evaluate(const RegisterOptions& options, const ImagePair& pair, const Tissue& tissue, const BoneLoads& loads, const Landmarks& landmarks,
-              const Deformation& deformation, const DenseField& forward, const DenseField& inverse, const Image& warped, ReportView* view) {
+/// Adds edges, landmarks and labels to the metrics.
+void evaluate(const RegisterOptions& options, const ImagePair& pair, const Tissue& tissue, const BoneLoads& loads, const Landmarks& landmarks,
+              const Deformation& deformation, const DenseField& forward, const DenseField& inverse, const Image& warped, ReportView* view, Json& report) {
   announce(options, "evaluating");
-  Json report;
   Mask fixed_region = evaluation_region(inverse.covered);
   const RigidMotion rigid = register_rigidly(pair.moving, pair.fixed, &tissue.body, nullptr);
   const RigidMotion identity;
   const Image before = warp_image_rigidly(pair.moving, pair.fixed.grid, identity, Interpolation::linear, float(options.outside));
   const Image rigidly = warp_image_rigidly(pair.moving, pair.fixed.grid, rigid, Interpolation::linear, float(options.outside));
   write_png(options.output / "overlay.png", overlay_figure(pair.fixed, {{"before", &before}, {"rigid registration", &rigidly}, {"mtled", &warped}}));
-  report["edges"] = compare_edges_of(pair.fixed, {{"before", &before}, {"rigid", &rigidly}, {"mtled", &warped}}, options.evaluation.canny, fixed_region, &pair.moving.grid, EdgeSpace::volume,
+  report["edges"] = compare_edges_of(pair.fixed, {{"before", &before}, {"rigid", &rigidly}, {"mtled", &warped}}, options.evaluation.canny, fixed_region, &pair.moving.grid, EdgeSpace::volume, report,
                                      [&](const std::string& name, const Mask& edges) { if (view) view->add_edges(name, edges); });
   if (view) view->add_image("rigid", "Moving image, rigidly registered", "fixed", rigidly, grey_scale_of(pair.fixed));
-  if (!landmarks.moving.empty()) report["landmarks"] = landmark_errors(landmarks, rigid, warp_points(landmarks.moving, deformation.function(), forward.displacement));
+  if (!landmarks.moving.empty()) report_landmarks(landmarks, rigid, warp_points(landmarks.moving, deformation.function(), forward.displacement), report);
   if (loads.fixed_labels) {
     report["labels"]["before"] = describe(label_overlap(resample_labels(loads.labels, pair.fixed.grid), *loads.fixed_labels));
     report["labels"]["mtled"] = describe(label_overlap(warp_labels(loads.labels, inverse.displacement), *loads.fixed_labels));
   }
-  return report;
 }
 
 /// points.csv: where the given points of the moving image go; empty cells outside it.
@@ -142,8 +138,8 @@ Fields fields_of(const RegisterOptions& options, const ImagePair& pair, const De
   return fields;
 }
 
-/// What the report shows of images, tissue and field.
-ReportView view_of(const ImagePair& pair, const Tissue& tissue, const Fields& fields) {
+/// What the report shows of images, tissue and field; `ratio`: volume_ratio() of the inverse one.
+ReportView view_of(const ImagePair& pair, const Tissue& tissue, const Fields& fields, const Image& ratio) {
   ReportView view;
   view.add_space("fixed", view_grid(pair.fixed.grid, report_voxels, &fields.inverse.covered, report_margin_mm));
   view.add_space("moving", view_grid(pair.moving.grid, report_voxels, &tissue.body, report_margin_mm));
@@ -156,12 +152,13 @@ ReportView view_of(const ImagePair& pair, const Tissue& tissue, const Fields& fi
   for (float& value : modulus.data)
     if (!(value > 0)) value = std::nanf("");
   view.add_numbers({"shear_modulus", "Shear modulus", "kPa", {0, 5}, false, 0, true}, "moving", modulus);
-  add_field(view, fields.inverse.displacement, fields.inverse.covered, volume_ratio(fields.inverse.displacement, fields.inverse.covered));
+  add_field(view, fields.inverse.displacement, fields.inverse.covered, ratio);
   return view;
 }
 
-Json report_facts(const ImagePair& pair, const RegisterOptions& options, const Json& metrics, const Json& manifest) {
+Json report_facts(const CLI::App& verb, const ImagePair& pair, const RegisterOptions& options, const Json& metrics, const Json& manifest) {
   Json facts = facts_of_registration(metrics, manifest);
+  facts["settings"] = settings_of(verb);
   facts["inputs"] = Json::array();
   for (const auto& [role, input] : manifest["inputs"].items())
     list_input(facts["inputs"], role_of(role), input["path"], role == "moving" ? &pair.moving.grid : role == "fixed" ? &pair.fixed.grid : nullptr, input["md5"]);
@@ -224,9 +221,10 @@ void run(CLI::App& verb, RegisterOptions& options) {
   metrics["warnings"] = loads.warnings;
   for (const char* key : {"converged", "steps", "error_estimate_mm", "smallest_volume_ratio"}) metrics["solver"][key] = manifest["solver"][key];
   metrics["jacobian"] = describe(jacobian_statistics(forward.displacement, forward.covered));
-  metrics["inverse"] = {{"largest_residual_mm", inverse_statistics.largest_residual_mm}, {"covered_voxels", inverse_statistics.covered}, {"unresolved_voxels", inverse_statistics.unresolved}};
+  const Image ratio = volume_ratio(inverse.displacement, inverse.covered);
+  metrics["inverse"] = {{"jacobian", describe(jacobian_statistics(inverse.displacement, inverse.covered, ratio))}, {"largest_residual_mm", inverse_statistics.largest_residual_mm}, {"covered_voxels", inverse_statistics.covered}, {"unresolved_voxels", inverse_statistics.unresolved}};
   if (!deformation.device().on_cpu()) manifest["voxels_left_to_cpu"] = {{"forward", forward.undecided}, {"inverse", inverse.undecided}};
-  if (metrics["jacobian"]["folded_voxels"].get<std::size_t>() > 0) warn("the deformation folds at some voxels (see metrics.json); results there are not to be trusted");
+  if (metrics["jacobian"]["folded_voxels"].get<std::size_t>() > 0) note(metrics, concatenate("the deformation folds at ", metrics["jacobian"]["folded_voxels"].get<std::size_t>(), " voxels; results there are not to be trusted"));
 
   announce(options, "writing");
   std::filesystem::remove(output / "manifest.json");  // written last: a folder without it is not complete
@@ -248,18 +246,18 @@ void run(CLI::App& verb, RegisterOptions& options) {
   write_png(output / "convergence.png", convergence_figure(deformation.solution().history, options.mechanics.solver.tolerance_mm));
   times.lap("writing");
   std::optional<ReportView> view;
-  if (options.report) view = view_of(pair, tissue, *fields), times.lap("report");
+  if (options.report) view = view_of(pair, tissue, *fields, ratio), times.lap("report");
   if (options.evaluate) {
     try {
-      metrics.update(evaluate(options, pair, tissue, loads, landmarks, deformation, forward, inverse, warped, view ? &*view : nullptr));
+      evaluate(options, pair, tissue, loads, landmarks, deformation, forward, inverse, warped, view ? &*view : nullptr, metrics);
     } catch (const Error& error) {
-      warn(std::string("the evaluation failed: ") + error.what());  // the registration is done all the same
+      note(metrics, std::string("the evaluation failed: ") + error.what());  // the registration is done all the same
     }
     times.lap("evaluation");
   }
   write_text(output / "metrics.json", metrics.dump(1) + "\n");
   manifest["stages"] = times.report();
-  if (view) write_report(output / "report.html", report_facts(pair, options, metrics, manifest), *view, node_cloud(cloud.nodes, deformation.solution().displacement, modulus.values, label.values));
+  if (view) write_report(output / "report.html", report_facts(verb, pair, options, metrics, manifest), *view, node_cloud(cloud.nodes, deformation.solution().displacement, modulus.values, label.values));
   write_text(output / "manifest.json", manifest.dump(1) + "\n");
   print_summary(metrics, options.output);
 }

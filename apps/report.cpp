@@ -60,12 +60,6 @@ Json columns_of(const Json& history) {
   return columns;
 }
 
-std::string joined(const Json& values) {
-  std::string text;
-  for (const Json& v : values) text += (text.empty() ? "" : " ") + (v.is_string() ? v.get<std::string>() : v.dump());
-  return text;
-}
-
 }  // namespace
 
 std::string role_of(std::string option) {
@@ -81,9 +75,22 @@ void list_input(Json& inputs, const std::string& role, const std::string& path, 
   inputs.push_back(input);
 }
 
+Json settings_of(const CLI::App& verb) {
+  Json settings = Json::array();
+  for (const CLI::Option* option : verb.get_options()) {
+    if (option->get_lnames().empty() || option->count() == 0) continue;
+    std::string value;
+    for (const std::string& part : option->results()) value += (value.empty() ? "" : " ") + part;
+    settings.push_back({{"name", option->get_lnames()[0]}, {"value", value}});
+  }
+  return settings;
+}
+
 Json facts_of_registration(const Json& metrics, const Json& manifest) {
   Json facts{{"version", 1}, {"kind", "register"}, {"program", manifest["program"]}};
-  copy(metrics, facts, {"warnings", "edges", "landmarks", "labels", "jacobian"});
+  copy(metrics, facts, {"warnings", "edges", "landmarks", "labels"});
+  facts["jacobian"] = metrics["inverse"]["jacobian"];  // as the pictures: of the map fixed -> moving; where the other one folds, it is not known
+  facts["jacobian"]["folded_voxels"] = metrics["jacobian"]["folded_voxels"];
   copy(manifest, facts, {"tissue"});
   facts["candidates"] = candidates_in(facts);
   facts["motions"] = Json::array();
@@ -97,9 +104,6 @@ Json facts_of_registration(const Json& metrics, const Json& manifest) {
   facts["solver"]["points"] = s["integration_points"];
   facts["solver"]["history"] = columns_of(s.value("history", Json::array()));
   facts["stages"] = stages_of(manifest["stages"]);
-  facts["settings"] = Json::array();
-  const Json settings = manifest.value("settings", Json::object());
-  for (const auto& [name, values] : settings.items()) facts["settings"].push_back({{"name", name}, {"value", joined(values)}});
   return facts;
 }
 

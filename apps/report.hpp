@@ -10,6 +10,9 @@ namespace mtled {
 std::string role_of(std::string option);
 void list_input(Json& inputs, const std::string& role, const std::string& path, const Grid* grid = nullptr, const std::string& md5 = {});
 
+/// The options that were given, on the command line or in a file: list of name, value.
+Json settings_of(const CLI::App& verb);
+
 /// The facts of a report (docs/report.md) of what `register` found: its metrics.json and manifest.json.
 Json facts_of_registration(const Json& metrics, const Json& manifest);
 /// The same of evaluation.json.

@@ -420,6 +420,11 @@ TEST_F(Evaluate, RegistrationsBesideEachOther) {
   const Json shown = program::report_data(file("out/report.html"));
   EXPECT_EQ(program::ids_of(shown["candidates"]), in_order);
   EXPECT_EQ(program::ids_of(shown["view"]["volumes"]), (Strings{"fixed", "before", "the wrong way", "again", "after", "displacement", "jacobian", "edges"}));
+  EXPECT_EQ(program::content(file("out/landmarks.csv")).substr(0, 69), "row,fx,fy,fz,mx,my,mz,before_mm,the wrong way_mm,again_mm,after_mm\n1,");
+  expect_refusal(run(with_moving({"--beside", "a=" + file("right.tfm").string()})), usage, {"--transform is missing"});
+  file("far.tfm", transform({1000, 0, 0}));
+  expect_refusal(run(with_moving({"-t", file("right.tfm"), "--beside", "a=" + file("far.tfm").string()})), input, {"--beside a", "far.tfm", "no common voxel"});
+  expect_refusal(run(with_moving({"-t", file("right.tfm"), "--beside", "edges=" + file("right.tfm").string()})), usage, {"'edges'", "choose another"});
   expect_refusal(run(with_moving({"-t", file("right.tfm"), "--beside", file("right.tfm")})), usage, {"--beside", "NAME=FILE"});
   expect_refusal(run(with_moving({"-t", file("right.tfm"), "--beside", "after=" + file("right.tfm").string()})), usage, {"'after'", "choose another"});
   expect_refusal(run(with_moving({"-t", file("right.tfm"), "--beside", "a=" + file("right.tfm").string(), "--beside", "a=" + file("right.tfm").string()})), usage, {"'a'", "twice"});
