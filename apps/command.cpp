@@ -64,6 +64,14 @@ std::string text_of(const toml::node& node, const std::string& place) {
   fail(Failure::input, place, " must be a text, a number, true, false or an array of these");
 }
 
+/// A value of an option of type `type`, its path, if it holds one, seen from `folder`.
+std::string seen_from(const std::filesystem::path& folder, const std::string& type, const std::string& value) {
+  if (type == "FILE" || type == "IMAGE" || type == "DIR") return (folder / value).string();
+  const std::size_t equals = value.find('=');
+  if (type != "NAME=FILE" || equals == std::string::npos || equals + 1 == value.size()) return value;
+  return value.substr(0, equals + 1) + (folder / value.substr(equals + 1)).string();
+}
+
 }  // namespace
 
 void apply_config(CLI::App& verb, const CommonOptions& common) {
@@ -85,9 +93,8 @@ void apply_config(CLI::App& verb, const CommonOptions& common) {
     } else {
       values.push_back(text_of(node, place));
     }
-    const bool is_path = option->get_type_name() == "FILE" || option->get_type_name() == "IMAGE" || option->get_type_name() == "DIR";
     for (std::string& v : values) {
-      if (is_path) v = (common.config.parent_path() / v).string();
+      v = seen_from(common.config.parent_path(), option->get_type_name(), v);
       if (option->get_expected_min() == 0) v = option->get_flag_value(name, v);  // "true" of a --no-... flag is false
       option->add_result(v);
     }

@@ -58,7 +58,7 @@ void check_contours(const CLI::App& verb, const EvaluateOptions& options, bool h
     if (contour.label == 0 && options.warped.empty()) require_option(verb, "--moving");
     if (contour.label == 0) continue;
     require_option(verb, "--fixed-labels");
-    if (options.warped_labels.empty()) require_option(verb, has_transform ? "--moving-labels" : "--warped-labels");
+    if (options.warped_labels.empty() && options.moving_labels.empty()) require_option(verb, has_transform ? "--moving-labels" : "--warped-labels");
   }
 }
 

@@ -49,9 +49,10 @@ bool inverse_fits_images(const Image& all_fixed, const Image& moving, const Mask
   common = intersection(std::move(common), inside);
   const Image reversed = warp_continued(moving, fixed.grid, &other.displacement, inside);
   common = intersection(std::move(common), inside);
-  if (double(count(common)) < enough_overlap * double(count(mask))) return false;
+  const std::size_t voxels = count(common);
+  if (voxels == 0 || double(voxels) < enough_overlap * double(count(mask))) return false;
   const double r = correlation(fixed, as_given, common), r_other = correlation(fixed, reversed, common);
-  j["correlation_as_given"] = r, j["correlation_reversed"] = r_other, j["voxels"] = count(common);
+  j["correlation_as_given"] = r, j["correlation_reversed"] = r_other, j["voxels"] = voxels;
   return 1 - r_other * r_other < much_better * (1 - r * r);
 }
 

@@ -1,4 +1,3 @@
-#include <algorithm>
 #include <cstdio>
 
 #include "core/error.hpp"
@@ -46,6 +45,8 @@ ReferenceComparison compare_at_points(const EvaluateOptions& options, const Imag
 }  // namespace
 
 void check_reference(const CLI::App& verb, const EvaluateOptions& options) {
+  const int given = int(!options.reference_transform.empty()) + int(!options.reference_inverse_transform.empty()) + int(!options.reference_points.empty());
+  if (given > 1) fail(Failure::usage, "--reference-transform, --reference-inverse-transform and --reference-points exclude each other, and ", given, " of them are given; keep one, and look into the --config file, too");
   const bool in_fixed = !options.reference_transform.empty(), in_moving = !options.reference_inverse_transform.empty() || !options.reference_points.empty();
   if (in_fixed && options.result.empty()) require_option(verb, "--transform");
   if (in_moving) require_option(verb, "--moving");

@@ -1,3 +1,4 @@
+#include <array>
 #include <cmath>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
@@ -147,6 +148,17 @@ TEST_F(Evaluate, TheInverseIsRecognisedInSomeOfTheVoxelsOfALargeImage) {
   }
 }
 
+TEST_F(Evaluate, DirectionsAreNotComparedInAMaskBetweenTheVoxelsOfAThinnedImage) {
+  grid.size = {100, 80, 68}, grid.spacing = {1, 1, 1};
+  write_image(file("moving.nrrd"), picture({0, 0, 0}));
+  write_image(file("fixed.nrrd"), picture(shift));
+  Mask mask(grid);  // every voxel has an odd index
+  for (const auto& [i, j, k] : {std::array{51, 41, 35}, std::array{52, 41, 35}, std::array{51, 42, 35}, std::array{51, 41, 36}}) mask.at(i, j, k) = 1;
+  write_mask(file("mask.nrrd"), mask);
+  const Json direction = report(with_moving({"-t", file("right.tfm"), "--mask", file("mask.nrrd")}))["direction"];
+  EXPECT_EQ(direction, (Json{{"reversed_fits_better", false}}));
+}
+
 TEST_F(Evaluate, FormatsOfTheSameFieldAgree) {
   VectorImage field(grid);
   for (Vec3f& v : field.data) v = {float(shift.x), float(shift.y), float(shift.z)};
@@ -247,6 +259,8 @@ TEST_F(Evaluate, TheDifferenceFromReferencePoints) {
   expect_refusal(run(with_moving({"-t", file("right.tfm"), "--reference-points", file("reference.csv")})), usage, {"--inverse-transform is missing"});
   expect_refusal(run({"--inverse-transform", file("back.nrrd"), "--reference-points", file("reference.csv")}), usage, {"--moving is missing"});
   expect_refusal(run(with_moving({"-r", "x", "--reference-points", file("reference.csv"), "--reference-transform", file("right.tfm")})), usage, {"--reference-"});
+  file("settings.toml", "reference-points = 'reference.csv'\n");
+  expect_refusal(run(with_moving({"-r", "x", "--config", file("settings.toml"), "--reference-transform", file("right.tfm")})), usage, {"exclude each other", "2 of them", "--config"});
 }
 
 TEST_F(Evaluate, ContoursOfLabels) {
@@ -273,6 +287,13 @@ TEST_F(Evaluate, ContoursOfLabels) {
   for (const char* wrong : {"ball", "ball=", "=1", "ball=0", "ball=1x", "ball=70000", "a,b=1"}) expect_refusal(run(everything("-t", file("right.tfm")) + Strings{"--contour", wrong}), usage, {std::string("--contour ") + wrong});
   expect_refusal(run(everything("-t", file("right.tfm")) + Strings{"--contour", "ball=1", "--contour", "ball=2"}), usage, {"twice"});
   expect_refusal(run(with_moving({"-t", file("right.tfm"), "--contour", "ball=1"})), usage, {"--fixed-labels is missing"});
+}
+
+TEST_F(Evaluate, ContoursOfLabelsAsTheyLie) {
+  const Json contours = report(with_moving({"--fixed-labels", file("fixed_labels.nrrd"), "--moving-labels", file("moving_labels.nrrd"), "--contour", "ball=1"}))["contours"];
+  EXPECT_GT(contours["ball"]["before"]["from_fixed"]["mean_mm"], 1);
+  EXPECT_FALSE(contours["ball"].contains("after"));
+  expect_refusal(run(with_moving({"--fixed-labels", file("fixed_labels.nrrd"), "--contour", "ball=1"})), usage, {"--warped-labels is missing"});
 }
 
 TEST_F(Evaluate, ContoursOfTheLungs) {
@@ -430,6 +451,16 @@ TEST_F(Evaluate, RegistrationsBesideEachOther) {
   expect_refusal(run(with_moving({"-t", file("right.tfm"), "--beside", "a=" + file("right.tfm").string(), "--beside", "a=" + file("right.tfm").string()})), usage, {"'a'", "twice"});
   expect_refusal(run(with_moving({"-t", file("right.tfm"), "--beside", "a=nowhere.nrrd"})), input, {"nowhere.nrrd"});
   expect_refusal(run({"-w", file("fixed.nrrd"), "--beside", "a=" + file("right.tfm").string()}), usage, {"--moving is missing"});
+}
+
+TEST_F(Evaluate, RegistrationsBesideEachOtherOfASettingsFile) {
+  fs::create_directory(file("settings"));
+  file("settings/beside.toml", "beside = ['again=../right.tfm', 'the wrong way=" + file("wrong.tfm").string() + "']\nno-report = true\n");
+  const Json r = report(with_moving({"-t", file("right.tfm"), "--config", file("settings/beside.toml")}));
+  EXPECT_EQ(r["edges"]["again"], r["edges"]["after"]);
+  EXPECT_TRUE(r["edges"].contains("the wrong way"));
+  file("settings/wrong.toml", "beside = 'again='\n");
+  expect_refusal(run(with_moving({"-t", file("right.tfm"), "--config", file("settings/wrong.toml")})), usage, {"--beside again=", "NAME=FILE"});
 }
 
 TEST_F(Evaluate, NoReportWhenItIsNotWanted) {

@@ -2,9 +2,13 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <numeric>
+#include <random>
 
 #include "core/error.hpp"
+#include "imaging/percentile.hpp"
 
 namespace mtled {
 namespace {
@@ -49,6 +53,37 @@ TEST(FieldDifference, ThatGrowsLinearlyHasItsPercentilesOnALine) {
   EXPECT_NEAR(d.within_half_mm, 51 / 101.0, 1.0 / 101) << "the point at 0.5 mm may fall on either side";
   // Groups of 10 points, the last of 11: their medians lie in the middle of their displacements.
   for (const DifferenceGroup& g : d.groups) EXPECT_NEAR(g.median_mm, 0.005 * (g.from_mm + g.to_mm), single_precision);
+}
+
+/// Many points share a displacement, so that most borders of the groups lie among equals.
+TEST(FieldDifference, IsThatOfTheSortedPoints) {
+  std::mt19937 random(7);
+  std::vector<Vec3d> points, reference, moved;
+  for (int n = 0; n < 9973; ++n) {
+    points.push_back({double(n), 0, 0});
+    reference.push_back({std::floor(std::exponential_distribution(0.5)(random)), 0, 0});
+    moved.push_back(reference.back() + Vec3d{0, std::normal_distribution(0.0, 2.0)(random), 0});
+  }
+  const FieldDifference d = compare_displacements([&](const Vec3d& x, Vec3d& u) { return u = moved[std::size_t(x.x)], true; }, points, reference);
+  std::vector<std::size_t> order(points.size());
+  std::iota(order.begin(), order.end(), std::size_t(0));
+  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return d.reference_mm[a] < d.reference_mm[b]; });
+  ASSERT_EQ(d.groups.size(), 10u);
+  for (std::size_t g = 0; g < 10; ++g) {
+    const std::size_t first = g * order.size() / 10, end = (g + 1) * order.size() / 10;
+    std::vector<float> values;
+    for (std::size_t n = first; n < end; ++n) values.push_back(d.difference_mm[order[n]]);
+    EXPECT_EQ(d.groups[g].points, end - first);
+    EXPECT_EQ(d.groups[g].from_mm, d.reference_mm[order[first]]);
+    EXPECT_EQ(d.groups[g].to_mm, d.reference_mm[order[end - 1]]);
+    EXPECT_EQ(d.groups[g].median_mm, percentile(values, 50));
+    EXPECT_EQ(d.groups[g].percentile_95_mm, percentile(values, 95));
+  }
+  std::vector<float> sorted = d.difference_mm;
+  std::sort(sorted.begin(), sorted.end());
+  for (int percent = 1; percent <= 100; ++percent) EXPECT_EQ(d.curve_mm[std::size_t(percent - 1)], percentile_of_sorted(sorted, percent));
+  EXPECT_EQ(d.percentile_99_5, percentile_of_sorted(sorted, 99.5));
+  EXPECT_EQ(d.maximum, sorted.back());
 }
 
 TEST(FieldDifference, LeavesOutAndCountsWhatIsUnknown) {

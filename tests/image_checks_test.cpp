@@ -1,8 +1,13 @@
+#include <zlib.h>
+
 #include <cmath>
+#include <cstdint>
+#include <cstring>
 #include <limits>
 
 #include "image_files.hpp"
 #include "image_io/image_io.hpp"
+#include "image_io/stored_bytes.hpp"
 #include "io/input.hpp"
 #include "temporary_folder.hpp"
 
@@ -77,6 +82,32 @@ TEST_F(ImageChecks, NiftiOfEitherByteOrder) {
   EXPECT_EQ(image.grid.size, (std::array<int, 3>{3, 4, 5}));
   EXPECT_EQ(image.grid.spacing, (Vec3d{2, 3, 4}));
   expect_refused(file("a.nii", nifti_bytes(content).substr(0, 400)), {"cut off", "48 of 120 bytes"});
+}
+
+TEST_F(ImageChecks, NiftiWithSizesThatItCannotHold) {
+  std::string bytes = nifti_bytes({});
+  const auto set_sizes = [&](std::initializer_list<std::int16_t> sizes) {
+    const auto dimensions = std::int16_t(sizes.size());
+    std::memcpy(&bytes[40], &dimensions, 2), std::memcpy(&bytes[42], sizes.begin(), 2 * sizes.size());
+  };
+  set_sizes({32767, 32767, 32767});  // 70 TB: whoever asked for the memory would be told that there is not enough
+  expect_refused(file("a.nii", bytes), {"cut off", "120 of 70362301923326 bytes", "copy or download it again"});
+  gzip(file("a.nii"), file("packed.nii.gz"));
+  expect_refused(file("packed.nii.gz"), {"cut off", "70362301923326 bytes of voxels", "copy or download it again"});
+  set_sizes({32767, 32767, 32767, 32767, 32767, 32767, 32767});
+  expect_refused(file("a.nii", bytes), {"header is damaged", "copy or download it again"});
+}
+
+TEST_F(ImageChecks, NiftiPackedAsTightlyAsDeflateCan) {
+  NiftiContent content;
+  content.size = {400, 400, 50};
+  const std::string bytes = nifti_bytes(content);
+  const fs::path tight = file("tight.nii.gz");
+  const gzFile packed = gzopen(tight.c_str(), "wb9");
+  ASSERT_EQ(gzwrite(packed, bytes.data(), unsigned(bytes.size())), int(bytes.size()));
+  ASSERT_EQ(gzclose(packed), Z_OK);
+  EXPECT_LT(fs::file_size(tight), bytes.size() / 1000);
+  EXPECT_EQ(read_image(tight, "image").data[0], 100);
 }
 
 TEST_F(ImageChecks, NiftiOfTheSecondVersion) {

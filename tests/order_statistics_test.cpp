@@ -26,6 +26,13 @@ TEST(OrderStatistics, AreThoseOfTheSortedNumbers) {
   for (const double percent : {0.5, 1.0, 50.0, 77.7, 99.0}) EXPECT_EQ(order.percentile(percent), percentile(sorted, percent)) << percent;
 }
 
+TEST(OrderStatistics, CountEqualNumbersBeforeARank) {
+  const std::vector<float> values{3, 1, 2, 2, 1, NAN, 2};  // 1 1 2 2 2 3
+  OrderStatistics order(values);
+  const std::size_t expected[] = {0, 1, 0, 1, 2, 0};
+  for (std::size_t rank = 0; rank < 6; ++rank) EXPECT_EQ(order.equals_before(rank), expected[rank]) << rank;
+}
+
 TEST(OrderStatistics, OfOneNumberAndOfNone) {
   const std::vector<float> one{NAN, 2.5f}, none{NAN, NAN}, empty;
   EXPECT_EQ(OrderStatistics(one).percentile(37), 2.5);

@@ -9,8 +9,8 @@ namespace mtled {
 
 /// NIfTI (.nii, .nii.gz): not NIfTI-1, cut off or damaged, NaN or infinite voxels, units other than mm, intent 1006, or a .nii beside the
 /// .nii.gz (which ITK's reader would take the voxels from).
-/// Looks at the header; the returned function looks at the voxels, which takes as long as reading them.
-std::function<void()> check_nifti(const std::filesystem::path& file);
+/// Looks at the header and the file's size, so that no memory is taken for voxels that are not there; the returned function looks at the voxels, which takes as long as reading them.
+[[nodiscard]] std::function<void()> check_nifti(const std::filesystem::path& file);
 /// The same for a file just written, whatever its voxels hold.
 void check_written_nifti(const std::filesystem::path& file);
 /// MetaImage (.mha, .mhd): cut off or damaged, data file missing, data spread over several files.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cstdint>
 #include <cstring>
 #include <functional>
 #include <memory>
@@ -18,6 +19,7 @@ constexpr int header_size = 348, second_version_size = 540;
 constexpr int displacement_intent = 1006;
 constexpr int type_float = 16, type_double = 64;
 constexpr int spatial_unit_bits = 7, unit_unknown = 0, unit_mm = 2;
+constexpr std::uint64_t most_packed = 1032;  ///< bytes that deflate can put into one
 
 /// The header of a NIfTI-1 file; fields at the byte offsets of nifti1.h.
 class NiftiHeader {
@@ -101,15 +103,34 @@ class NonFiniteVoxels {
   std::size_t filled_ = 0;
 };
 
+/// Bytes of voxels that the header tells of.
+std::uint64_t bytes_of_voxels(const NiftiHeader& header) {
+  constexpr const char* damaged = "its header is damaged; copy or download it again";
+  require(header.dimension(0) >= 1 && header.dimension(0) <= 7, damaged);
+  std::uint64_t bytes = std::uint64_t(header.bits_per_voxel()) / 8;
+  for (int i = 1; i <= header.dimension(0); ++i) require(!__builtin_mul_overflow(bytes, std::uint64_t(std::max(header.dimension(i), 1)), &bytes), damaged);
+  return bytes;
+}
+
+/// What can be said of the file's size without unpacking it, before there is memory for `needed` bytes of voxels.
+void check_size(const std::filesystem::path& file, std::uint64_t offset, std::uint64_t needed) {
+  if (!has_extension(file, ".gz")) return require_complete(stored_bytes(file, offset), needed);
+  const std::uint64_t stored = stored_bytes(file, 0);
+  require(needed / most_packed <= stored, "the file is cut off, or its header damaged: ", needed, " bytes of voxels do not fit into ", stored, " packed bytes; copy or download it again");
+}
+
 /// Of what the header says: `needed` bytes of voxels from byte `offset`.
 void check_voxels(const std::filesystem::path& file, const NiftiHeader& header, std::uint64_t offset, std::uint64_t needed, bool values_too) {
   const bool packed = has_extension(file, ".gz");
   NonFiniteVoxels bad(header, offset, needed);
   const bool may_be_bad = values_too && header.float_bytes() > 0;
   const ByteVisitor visit = may_be_bad ? ByteVisitor(std::ref(bad)) : ByteVisitor();
-  if (may_be_bad && !packed) visit_stored_bytes(file, visit);
-  const std::uint64_t all = packed ? inflated_bytes(file, 0, visit) : stored_bytes(file, 0);
-  require_complete(all - std::min(all, offset), needed);
+  if (packed) {
+    const std::uint64_t all = inflated_bytes(file, 0, visit);
+    require_complete(all - std::min(all, offset), needed);
+  } else if (may_be_bad) {
+    visit_stored_bytes(file, visit);
+  }
   if (const std::uint64_t row = std::uint64_t(std::max(header.dimension(1), 1)), slice = row * std::uint64_t(std::max(header.dimension(2), 1)); bad.count() > 0)
     fail(Failure::input, bad.count(), bad.count() == 1 ? " voxel is" : " voxels are", " NaN or infinite, the first one at index (", bad.first() % row, ", ",
          bad.first() % slice / row, ", ", bad.first() / slice, "); replace such values first");
@@ -122,14 +143,13 @@ std::function<void()> check(const std::filesystem::path& file, bool values_too) 
             " lies beside it, and the ITK library would mix the two; move or rename one of them");
   }
   const NiftiHeader header(file);
-  std::uint64_t needed = std::uint64_t(header.bits_per_voxel()) / 8;
-  require(header.dimension(0) >= 1 && header.dimension(0) <= 7, "its header is damaged; copy or download it again");
-  for (int i = 1; i <= header.dimension(0); ++i) needed *= std::uint64_t(std::max(header.dimension(i), 1));
+  const std::uint64_t needed = bytes_of_voxels(header);
   require(header.intent() != displacement_intent,
           "it is a NIfTI displacement field (intent 1006), which the ITK library misreads; convert it to NRRD");
   require(header.spatial_unit() == unit_mm || header.spatial_unit() == unit_unknown,
           "its lengths are not in mm; convert it to mm");
   const auto offset = std::uint64_t(std::max(header.voxel_offset(), double(header_size)));
+  check_size(file, offset, needed);
   return [=] { check_voxels(file, header, offset, needed, values_too); };
 }
 

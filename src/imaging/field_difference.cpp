@@ -3,10 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
 
 #include "core/error.hpp"
-#include "imaging/percentile.hpp"
+#include "imaging/order_statistics.hpp"
 #include "imaging/voxel_loop.hpp"
 
 namespace mtled {
@@ -21,18 +20,39 @@ float difference_at(const DisplacementFunction& u, const Vec3d& point, const Vec
   return u(point, value) ? float(norm(value - reference)) : unknown;
 }
 
+/// Where a group begins: with a value of the reference, after so many points that have the same.
+struct Border {
+  float value;
+  std::size_t equals_before;
+};
+
+/// The points of every group, in their order: sorted by the reference, then by their place in the list.
+std::vector<std::vector<float>> divide(const std::vector<float>& difference, const std::vector<float>& reference, const std::vector<Border>& borders) {
+  std::vector<std::vector<float>> values(borders.size() + 1);
+  std::vector<std::size_t> seen(borders.size());  // points with the value of a border; of the first one among equals
+  for (std::size_t p = 0; p < difference.size(); ++p) {
+    std::size_t g = std::size_t(std::partition_point(borders.begin(), borders.end(), [&](const Border& b) { return b.value < reference[p]; }) - borders.begin());
+    if (g < borders.size() && borders[g].value == reference[p]) {
+      const std::size_t equals = seen[g]++;
+      while (g < borders.size() && borders[g].value == reference[p] && borders[g].equals_before <= equals) ++g;
+    }
+    values[g].push_back(difference[p]);
+  }
+  return values;
+}
+
 /// Groups of as many points each, in the order of the reference's displacement.
 std::vector<DifferenceGroup> groups_of(const std::vector<float>& difference, const std::vector<float>& reference) {
-  std::vector<std::size_t> order(difference.size());
-  std::iota(order.begin(), order.end(), std::size_t(0));
-  std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return reference[a] != reference[b] ? reference[a] < reference[b] : a < b; });
-  const std::size_t count = std::min(most_groups, order.size());
+  OrderStatistics order(reference);
+  const std::size_t count = std::min(most_groups, reference.size());
+  const auto first = [&](std::size_t g) { return g * reference.size() / count; };
+  std::vector<Border> borders;
+  for (std::size_t g = 1; g < count; ++g) borders.push_back({order.at(first(g)), order.equals_before(first(g))});
   std::vector<DifferenceGroup> groups;
-  for (std::size_t g = 0; g < count; ++g) {
-    const std::size_t first = g * order.size() / count, end = (g + 1) * order.size() / count;
-    std::vector<float> values;
-    for (std::size_t n = first; n < end; ++n) values.push_back(difference[order[n]]);
-    groups.push_back({reference[order[first]], reference[order[end - 1]], end - first, percentile(values, 50), percentile(values, 95)});
+  for (const std::vector<float>& values : divide(difference, reference, borders)) {
+    OrderStatistics differences(values);
+    const std::size_t g = groups.size();
+    groups.push_back({order.at(first(g)), order.at(first(g + 1) - 1), values.size(), differences.percentile(50), differences.percentile(95)});
   }
   return groups;
 }
@@ -51,10 +71,9 @@ FieldDifference describe_differences(std::vector<float> difference, std::vector<
   result.mean = sum / double(kept), result.root_mean_square = std::sqrt(squares / double(kept));
   result.within_half_mm = double(std::count_if(difference.begin(), difference.end(), [](float d) { return d <= half_mm; })) / double(kept);
   result.groups = groups_of(difference, reference);
-  std::vector<float> sorted = difference;
-  std::sort(sorted.begin(), sorted.end());
-  for (int percent = 1; percent <= 100; ++percent) result.curve_mm.push_back(percentile_of_sorted(sorted, percent));
-  result.median = result.curve_mm[49], result.percentile_95 = result.curve_mm[94], result.percentile_99_5 = percentile_of_sorted(sorted, 99.5), result.maximum = sorted.back();
+  OrderStatistics order(difference);
+  for (int percent = 1; percent <= 100; ++percent) result.curve_mm.push_back(order.percentile(percent));
+  result.median = result.curve_mm[49], result.percentile_95 = result.curve_mm[94], result.percentile_99_5 = order.percentile(99.5), result.maximum = order.at(kept - 1);
   result.difference_mm = std::move(difference), result.reference_mm = std::move(reference);
   return result;
 }

@@ -51,11 +51,12 @@ OrderStatistics::OrderStatistics(const std::vector<float>& values) : values_(val
   for (const std::size_t n : upper_) count_ += n;
 }
 
-float OrderStatistics::at(std::size_t rank) {
+OrderStatistics::Found OrderStatistics::find(std::size_t rank) {
   const std::uint32_t upper = bin_of(upper_, rank);
   Histogram& lower = lower_[upper];
   if (lower.empty()) lower = histogram(values_, [upper](std::uint32_t key) { return key >> half_bits == upper ? key & lower_half : bins; });
-  return value_of(upper << half_bits | bin_of(lower, rank));
+  const std::uint32_t key = upper << half_bits | bin_of(lower, rank);
+  return {value_of(key), rank};
 }
 
 double OrderStatistics::percentile(double percent) {

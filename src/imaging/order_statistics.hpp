@@ -14,11 +14,19 @@ class OrderStatistics {
   /// Of numbers.
   std::size_t count() const { return count_; }
   /// The `rank` smallest number, from 0; `rank` < count().
-  float at(std::size_t rank);
+  float at(std::size_t rank) { return find(rank).value; }
+  /// How many of the numbers before it, in this order, have the same bits.
+  std::size_t equals_before(std::size_t rank) { return find(rank).equals_before; }
   /// As percentile() in percentile.hpp; NaN when there are no numbers.
   double percentile(double percent);
 
  private:
+  struct Found {
+    float value;
+    std::size_t equals_before;
+  };
+  Found find(std::size_t rank);
+
   using Histogram = std::vector<std::size_t>;
   const std::vector<float>& values_;
   Histogram upper_;                        ///< numbers by the upper half of their bits
