@@ -633,8 +633,9 @@ class ReportPage(Page):
               seen.set(name, Math.min(ratio, seen.get(name) ?? 99));
             }
             return [...seen];"""
-        for theme in ("light", "dark"):
-            self.open(self.register, theme=theme)
+        compared = sample.evaluate_report(self.phantom, sample.OTHERS)
+        for report, theme in ((self.register, "light"), (self.register, "dark"), (compared, "light")):
+            self.open(report, theme=theme)
             for _ in range(2):
                 found = self.js(script)
                 self.assertGreater(len(found), 30)

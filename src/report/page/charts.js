@@ -6,7 +6,7 @@ const seriesStyles = [
   { dash: "10 3 2 3", marker: "diamond" },
   { dash: "4 2", marker: "cross" },
   { dash: "12 4", marker: "turned" },
-  { dash: "1 4", marker: "plus" },
+  { dash: "2 6", marker: "plus" },
   { dash: "7 3 2 3 2 3", marker: "bar" },
 ];
 

@@ -65,7 +65,7 @@ class Cloud {
   }
 
   key() {
-    if (this.shown === "label") return element("div", { class: "legend" }, this.numbers.map((number) => swatch(labelColour(number), number ? String(number) : "Soft tissue")));
+    if (this.shown === "label") return element("div", { class: "legend" }, this.numbers.map((number, i) => swatch(labelColour(i), number ? String(number) : "Soft tissue")));
     const field = this.fields[Number(this.shown)];
     return colourBar({ ...field, openEnd: field.open_end, stops: viridis });
   }
@@ -88,7 +88,7 @@ class Cloud {
     Object.assign(canvas, { width, height });
     const pen = canvas.getContext("2d"), image = pen.createImageData(width, height), pixels = new Uint32Array(image.data.buffer), depth = new Float32Array(width * height).fill(Infinity);
     const scale = (0.59 * Math.min(1.35 * width, height)) / this.radius, [right, down, away] = this.axes(), full = Math.max(1, Math.round(1.4 * dpr));
-    const field = this.fields[Number(this.shown)], table = field ? Array.from({ length: 256 }, (_, i) => mapped(viridis, i / 255)) : this.numbers.map((number) => channels(labelColour(number)));
+    const field = this.fields[Number(this.shown)], table = field ? Array.from({ length: 256 }, (_, i) => mapped(viridis, i / 255)) : this.numbers.map((_, i) => channels(labelColour(i)));
     const { rest, u, label, deformed, centre: [cx, cy, cz] } = this;
     for (let i = 0; i < this.n; ++i) {
       if (this.bonesOnly && !label[i]) continue;
@@ -128,10 +128,10 @@ class Cloud {
   }
 }
 
-/** A colour of its own for every rigid label; grey for soft tissue. */
-function labelColour(label) {
-  if (!label) return "#8a949e";
-  const hue = (label * 137.508) % 360, part = (n) => {
+/** A colour of its own for every rigid label, by its place among them from 1; grey for soft tissue, 0. */
+function labelColour(place) {
+  if (!place) return "#8a949e";
+  const hue = (place * 137.508) % 360, part = (n) => {
     const k = (n + hue / 30) % 12;
     return Math.round(255 * (0.58 - 0.34 * Math.max(-1, Math.min(k - 3, 9 - k, 1)))).toString(16).padStart(2, "0");
   };
