@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Sample data for the page of report.html, of a torso phantom with a known displacement. As a program: report_page_sample.py FILE [register|evaluate|minimal]."""
+"""Sample data for the page of report.html, of a torso phantom with a known displacement. As a program: report_page_sample.py FILE [register|evaluate|compared|minimal]."""
 import base64
 import io
 import json
@@ -17,8 +17,9 @@ LOW, HIGH = -1000, 400  # HU
 FOLDED = (slice(30, 33), slice(28, 31), slice(50, 53))  # voxels z y x that fold
 KNOWN = (slice(48, 57), slice(18, 27), slice(30, 39))  # voxels z y x of known intensity
 CUT = (slice(4, 100), slice(3, 60), slice(2, 84))  # voxels z y x of the moving image: its grid is another
+OTHERS = ("B-spline", "ANTs", "elastix", "Demons", "Optimum")  # as many as `evaluate` compares
 KNOWN_HU = {"fixed": 80, "mtled": -20}
-BONE = 12  # label of the vertebrae's block
+NODE_LABELS = [*range(8, 16), 1300]  # of the vertebrae, from the feet; one of them does not fit in a byte
 
 
 def assemble(report):
@@ -132,10 +133,10 @@ class Phantom:
 
 def view(phantom, names, mechanics=True):
     titles = {"fixed": "Fixed image", "before": "Before", "rigid": "Rigid", "mtled": "mtled", "after": "After"}
-    hu = {"after": phantom.hu["mtled"], **phantom.hu}
-    volumes = [grey(n, titles[n], hu[n], form="PNG" if n in KNOWN_HU else "JPEG") for n in names]
+    hu = {**{n: phantom.hu["rigid"] for n in OTHERS}, "after": phantom.hu["mtled"], **phantom.hu}
+    volumes = [grey(n, titles.get(n, n), hu[n], form="PNG" if n in KNOWN_HU else "JPEG") for n in names]
     bits = {str(1 << i): n for i, n in enumerate(names)}
-    edges = {"after": phantom.edges["mtled"], **phantom.edges}
+    edges = {**{n: phantom.edges["rigid"] for n in OTHERS}, "after": phantom.edges["mtled"], **phantom.edges}
     volumes.append({"id": "edges", "space": "fixed", "kind": "bits", "bits": bits, "mosaic": mosaic(sum((edges[n].astype(np.uint8) << i for i, n in enumerate(names)), np.zeros(phantom.body.shape, np.uint8)), "PNG")})
     space = {"size": list(SIZE), "spacing_mm": SPACING, "origin_mm": list(ORIGIN)}
     made = {"spaces": {"fixed": space}, "volumes": volumes}
@@ -167,6 +168,12 @@ def edge_figures(scale):
             "consistent_fraction": [0.9 - 0.05 * scale, 0.88 - 0.05 * scale], "edge_voxels": [182345, 179021]}
 
 
+def contour_figures(scale):
+    """Distances of two outlines in both directions; more voxels than distances, as some slices show one outline only."""
+    return {direction: {"voxels": 8120, "unmatched_voxels": unmatched, "mean_mm": far * scale, "median_mm": 0.8 * far * scale, "percentile_95_mm": 2.5 * far * scale, "max_mm": 6 * far * scale}
+            for direction, unmatched, far in (("from_fixed", 412, 1.0), ("to_fixed", 0, 1.1))}
+
+
 def landmark_figures(scale, points=100):
     d = np.sort(scale * np.random.default_rng(1).gamma(2.2, 0.45, points))
     return {"points": points, "mean_mm": d.mean(), "median_mm": float(np.median(d)), "percentile_95_mm": float(np.percentile(d, 95)), "max_mm": d.max(), "distances_mm": d.tolist()}
@@ -183,10 +190,10 @@ def cloud(phantom):
     rest = np.array(ORIGIN) + SPACING * (there[:, ::-1] + rng.uniform(-0.5, 0.5, there.shape))
     u = -displacement(rest.T).T
     kpa, bone = (field[tuple(there.T)] for field in (phantom.kpa, phantom.hu["before"] > 200))
-    label = np.where(bone & (np.abs(rest[:, 0]) < 22), BONE - 4 + np.clip((rest[:, 2] + 80) // 40, 0, 8), 0)
+    label = np.where(bone & (np.abs(rest[:, 0]) < 22), 1 + np.clip((rest[:, 2] + 80) // 40, 0, 8), 0)
     return {"count": 535565, "shown": len(rest), "origin_mm": list(ORIGIN), "scale_mm": 0.02, "rest": base64_of(np.rint((rest - ORIGIN) / 0.02).astype("<i2")),
-            "displacement": base64_of(np.rint(u / 0.02).astype("<i2")), "scalars": [{"name": "Shear modulus", "unit": "kPa", "low": 0, "high": 5, "data": base64_of(np.clip(np.rint(kpa / 5 * 255), 0, 255).astype(np.uint8))}],
-            "label": base64_of(label.astype(np.uint8))}
+            "displacement": base64_of(np.rint(u / 0.02).astype("<i2")), "scalars": [{"name": "Shear modulus", "unit": "kPa", "low": 0, "high": 5, "open_end": True, "data": base64_of(np.clip(np.rint(kpa / 5 * 255), 0, 255).astype(np.uint8))}],
+            "labels": NODE_LABELS, "label": base64_of(label.astype(np.uint8))}
 
 
 def history(steps=60):
@@ -229,13 +236,15 @@ def register_report(phantom):
         "view": view(phantom, ["fixed", *names]), "nodes": cloud(phantom)}
 
 
-def evaluate_report(phantom):
-    names = ["before", "after"]
+def evaluate_report(phantom, others=()):
+    names = ["before", *others, "after"]
+    scales = np.linspace(3.2, 0.35, len(names))
     return {"version": 1, "kind": "evaluate", "program": "mtled 0.1.0", "created": "2026-11-27 19:40 UTC",
             "inputs": [{"role": "fixed image", "path": "fixed.nii.gz"}, {"role": "warped image", "path": "C:\\results\\warped.nii.gz"}],
             "verdict": {"level": "good", "headline": "Edges agree to within two voxels at 97 % of all places.", "items": []}, "warnings": [],
-            "candidates": [{"id": n, "name": n.capitalize()} for n in names], "edges": {n: edge_figures(s) for n, s in zip(names, (3.2, 0.35))},
-            "landmarks": {n: {"points": 3, "mean_mm": None, "median_mm": None, "percentile_95_mm": None, "max_mm": None} for n in names}, "view": view(phantom, ["fixed", *names], mechanics=False)}
+            "candidates": [{"id": n, "name": n if n in others else n.capitalize()} for n in names], "edges": {n: edge_figures(s) for n, s in zip(names, scales)},
+            "landmarks": {n: {"points": 3, "mean_mm": None, "median_mm": None, "percentile_95_mm": None, "max_mm": None} for n in names},
+            "contours": {"lungs": {n: contour_figures(s) for n, s in zip(names, scales)}}, "view": view(phantom, ["fixed", *names], mechanics=False)}
 
 
 def minimal_report(phantom):
@@ -246,5 +255,5 @@ def minimal_report(phantom):
 
 
 if __name__ == "__main__":
-    kinds = {"register": register_report, "evaluate": evaluate_report, "minimal": minimal_report}
+    kinds = {"register": register_report, "evaluate": evaluate_report, "compared": lambda phantom: evaluate_report(phantom, OTHERS), "minimal": minimal_report}
     pathlib.Path(sys.argv[1]).write_text(assemble(kinds[(sys.argv[2:] or ["register"])[0]](Phantom())))

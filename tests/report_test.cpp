@@ -216,6 +216,31 @@ TEST(ReportView, ShowsAFieldWithItsFolds) {
   EXPECT_EQ(size["high"].get<double>(), 6.5);
   EXPECT_EQ(byte_at(size["mosaic"], 15, 0, 0), 255);
   EXPECT_EQ(j["arrows"]["space"], "fixed");
+  EXPECT_FALSE(ratio["open_start"].get<bool>());
+  EXPECT_EQ(ratio["high"].get<double>(), 2) << "as far as colours around 1 reach that begin at 0";
+}
+
+/// The volume ratio of a field that stretches one half of a box along x by `gradient`.
+Json ratio_of(float gradient) {
+  const Grid grid = grid_of({16, 8, 8});
+  VectorImage field(grid);
+  for (int k = 0; k < 8; ++k)
+    for (int j = 0; j < 8; ++j)
+      for (int i = 8; i < 16; ++i) field.at(i, j, k) = {gradient * float(i - 8), 0, 0};
+  ReportView view;
+  view.add_space("fixed", view_grid(grid, 1000000));
+  add_field(view, field, Mask(grid, 1));
+  return view.json()["volumes"][1];
+}
+
+TEST(ReportView, StoresNoFoldsWhereNothingFolds) {
+  const Json mild = ratio_of(-0.3f), nearly = ratio_of(-0.9995f);
+  EXPECT_TRUE(mild["open_start"].get<bool>());
+  EXPECT_EQ(mild["low"].get<double>(), 0.5);
+  EXPECT_EQ(mild["high"].get<double>(), 1.5);
+  EXPECT_EQ(byte_at(nearly["mosaic"], 13, 4, 4), 1);
+  EXPECT_GT(nearly["low"].get<double>(), 0) << "a ratio of 0.0005 must not be shown as a fold";
+  EXPECT_LT(ratio_of(-1.0005f)["low"].get<double>(), 0);
 }
 
 TEST(ReportView, KeepsEdgesOfSeveralImagesApart) {
@@ -245,14 +270,30 @@ TEST(GreyScale, HasWindowsOfCtForCtOnly) {
 }
 
 TEST(NodeCloud, KeepsAllOfAFewNodes) {
-  const Json j = node_cloud({{0, 0, 0}, {10, 20, 30}}, {{1, 0, 0}, {0, 2, 0}}, {2.5f, 60}, {0, 7}, 100);
+  const Json j = node_cloud({{0, 0, 0}, {10, 20, 30}}, {{1, 0, 0}, {0, 2, 0}}, {2.5f, 60}, {0, 1300}, 100);
   EXPECT_EQ(j["shown"], 2);
   const auto rest = decoded(j["rest"]);
   const double scale = j["scale_mm"];
   EXPECT_EQ(j["origin_mm"], (Json{5.0, 10.0, 15.0}));
   EXPECT_NEAR(std::int16_t(std::uint16_t(rest[6] | rest[7] << 8)) * scale, 5, scale / 2);
-  EXPECT_EQ(decoded(j["label"]), (std::vector<std::uint8_t>{0, 7}));
+  EXPECT_EQ(j["labels"], (Json{1300}));
+  EXPECT_EQ(decoded(j["label"]), (std::vector<std::uint8_t>{0, 1}));
   EXPECT_EQ(decoded(j["scalars"][0]["data"]), (std::vector<std::uint8_t>{128, 255}));
+}
+
+TEST(NodeCloud, KeepsNumbersOfLabelsApart) {
+  constexpr std::size_t count = 300;
+  std::vector<float> label(count);
+  for (std::size_t n = 0; n < count; ++n) label[n] = float(10 * (count - n));
+  const std::vector<float> kpa(count);
+  const Json j = node_cloud(std::vector<Vec3d>(count), std::vector<Vec3d>(count), kpa, label, count);
+  const auto bytes = decoded(j["label"]);
+  ASSERT_EQ(j["labels"].size(), 255u);
+  for (std::size_t n = 0; n < count; ++n) {
+    if (n < count - 255) EXPECT_EQ(bytes[n], 0) << n;
+    else EXPECT_EQ(j["labels"][bytes[n] - 1u].get<float>(), label[n]) << n;
+  }
+  EXPECT_TRUE(node_cloud({{0, 0, 0}}, {{0, 0, 0}}, {1}, {0})["labels"].empty());
 }
 
 TEST(NodeCloud, ChoosesEvenlyAndAlwaysTheSame) {

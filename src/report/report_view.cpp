@@ -14,6 +14,7 @@ namespace {
 
 constexpr std::size_t most_arrows = 40000;
 constexpr std::size_t most_values = 200000;  ///< of an image, for percentiles
+constexpr double smallest_ratio = 0.01;  ///< that is stored where nothing folds: 0 and less are for folds
 constexpr float unknown = std::numeric_limits<float>::quiet_NaN();
 
 /// Every n-th value that is a number.
@@ -33,12 +34,12 @@ double round_number_above(double value) {
   return 10 * decade;
 }
 
-/// Around 1, as far as the middle 99.8 % of the voxels are; down to below 0 where something folds.
+/// Around 1, as far as the middle 99.8 % of the voxels are, but at most to 0 and 2; from below 0 to 2 where something folds.
 ColorScale scale_of_ratio(const Image& ratio, bool folded) {
   std::vector<float> values = some_values(ratio);
   const double reach = values.empty() ? 0.1 : std::max({percentile(values, 99.9) - 1, 1 - percentile(values, 0.1), 0.05});
-  const double half = std::min(round_number_above(reach), 1.0);
-  return {"jacobian", "Volume ratio det J", "moving / fixed", {folded ? -0.05 : 1 - half, 1 + half}, true, 1, true};
+  const double half = folded ? 1 : std::min(round_number_above(reach), 1.0);
+  return {"jacobian", "Volume ratio det J", "moving / fixed", {folded ? -0.05 : std::max(1 - half, smallest_ratio), 1 + half}, true, 1, true, !folded};
 }
 
 }  // namespace
@@ -63,7 +64,7 @@ void ReportView::add_numbers(const ColorScale& scale, const std::string& space, 
   ByteVolume bytes = scalar_bytes(values, view(space), scale.range);
   if (lowest) set_lowest(bytes, *lowest);
   Json j{{"id", scale.id}, {"name", scale.name}, {"space", space}, {"kind", "scalar"}, {"low", scale.range.low}, {"high", scale.range.high}, {"unit", scale.unit},
-         {"map", scale.diverging ? "diverging" : "sequential"}, {"open_end", scale.open_end}, {"mosaic", mosaic_as_png(bytes)}};
+         {"map", scale.diverging ? "diverging" : "sequential"}, {"open_start", scale.open_start}, {"open_end", scale.open_end}, {"mosaic", mosaic_as_png(bytes)}};
   if (scale.diverging) j["middle"] = scale.middle;
   volumes_.push_back(j);
 }

@@ -24,7 +24,8 @@ struct ColorScale {
   ByteRange range;
   bool diverging = false;  ///< around `middle`
   double middle = 0;
-  bool open_end = false;   ///< larger values share the last colour
+  bool open_end = false;    ///< larger values share the last colour
+  bool open_start = false;  ///< smaller values share the first colour
 };
 
 /// Collects what the viewer of a report shows: volumes on grids of the space of the fixed and of the moving image. The

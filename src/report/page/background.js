@@ -13,13 +13,13 @@ function stagesSection(report) {
 
 /** Settings, and the files that were read. */
 function inputsSection(report) {
-  const inputs = report.inputs ?? [], settings = report.settings ?? [];
+  const inputs = report.inputs ?? [], settings = report.settings ?? [], summed = inputs.some((i) => i.md5);
   return section("inputs", "Inputs and settings",
     inputs.length ? dataTable("Files that were read", [
       { name: "What", text: true, show: (i) => capital(i.role) },
       { name: "File", text: true, show: (i) => element("span", { title: i.path, class: "path" }, i.path) },
       { name: "Size", text: true, show: (i) => sizeOf(i) || "–" },
-      { name: "MD5", text: true, show: (i) => (i.md5 ? element("code", {}, i.md5) : "–") },
+      ...(summed ? [{ name: "MD5", text: true, show: (i) => (i.md5 ? element("code", {}, i.md5) : "–") }] : []),
     ], inputs) : null,
     settings.length ? [element("h3", {}, "Settings"), facts(settings.map((s) => [s.name, s.value]))] : null);
 }
@@ -41,7 +41,8 @@ function readingSection(report) {
     [report.labels, "Labels", "Dice is twice the common volume over the sum of both: 1 is perfect, and small structures reach less. Surface distances are between the surfaces of the label in both images."],
     [report.jacobian || has("jacobian"), "Volume ratio", "det J, the determinant of the gradient of the transform: the volume a bit of tissue has in the moving image over its volume in the fixed one. Soft tissue is nearly incompressible, so values far from 1 want an explanation (lungs have one). Values of 0 and below mean the transform folds: it is not possible there."],
     [report.inverse_consistency, "Inverse consistency", "How far a point lands from where it started when it goes through the transform and back through its inverse."],
-    [report.rigidity || report.motions, "Rigidity", "Bones do not bend. The deviation is how far the transform moves the voxels of a bone from the best rigid motion."],
+    [report.motions?.length, "Motion of every label", "Bones do not bend. The deviation is how far the field moves the voxels of a label from the rigid motion that was found or given for it."],
+    [report.rigidity?.length, "Rigidity", "Bones do not bend. The deviation is how far the transform moves the voxels of a label from the rigid motion that fits best: one that is rigid but wrong has none."],
     [has("displacement"), "Displacement", "How far the tissue has come, in mm. Large displacement is no fault: it is what the posture asks for."],
     [report.nodes || report.solver, "Mechanics", "The body is a cloud of nodes that carries the stiffness of its tissue. The rigid labels are moved as found, all else follows by equilibrium. The estimated error is the distance to that equilibrium, not to the truth: it says the equations are solved, not that the anatomy is right."],
   ].filter(([applies]) => applies);

@@ -1,17 +1,31 @@
-/** How a candidate is drawn in every chart and table: its own colour, dash and marker. */
+/** How a candidate is drawn in every chart and table: its own colour (of the style sheet), dash and marker, so that no two need colours to be told apart. */
 const seriesStyles = [
   { dash: "7 4", marker: "square" },
   { dash: "2 3", marker: "triangle" },
   { dash: "", marker: "circle" },
   { dash: "10 3 2 3", marker: "diamond" },
+  { dash: "4 2", marker: "cross" },
+  { dash: "12 4", marker: "turned" },
+  { dash: "2 6", marker: "plus" },
+  { dash: "7 3 2 3 2 3", marker: "bar" },
 ];
-const seriesIndex = (candidates, id) => (id === "before" ? 0 : id === "rigid" ? 1 : 2 + (candidates.filter((c) => !["before", "rigid"].includes(c.id)).findIndex((c) => c.id === id) % 2));
+
+/** Styles by position: the image before, rigid registration and the one that is judged, the last, have their own; all others share the rest. */
+function seriesIndex(candidates, id) {
+  const own = (c, i) => (c.id === "before" ? 0 : c.id === "rigid" ? 1 : i === candidates.length - 1 ? 2 : null);
+  const others = candidates.filter((c, i) => own(c, i) === null), at = candidates.findIndex((c) => c.id === id);
+  return own(candidates[at], at) ?? 3 + (others.indexOf(candidates[at]) % (seriesStyles.length - 3));
+}
 
 const markerPaths = {
   circle: "M-3.5 0a3.5 3.5 0 1 1 7 0a3.5 3.5 0 1 1-7 0z",
   square: "M-3.2-3.2h6.4v6.4h-6.4z",
   triangle: "M0-4.2 4 3H-4z",
+  turned: "M0 4.2 4-3H-4z",
   diamond: "M0-4.6 4.6 0 0 4.6-4.6 0z",
+  plus: "M-1.4-4.4h2.8v3h3v2.8h-3v3h-2.8v-3h-3v-2.8h3z",
+  cross: "M-4.1-2.1-2.1-4.1 0-2 2.1-4.1 4.1-2.1 2 0 4.1 2.1 2.1 4.1 0 2-2.1 4.1-4.1 2.1-2 0z",
+  bar: "M-1.5-4.8h3v9.6h-3z",
 };
 
 const symbol = (index, x = 0, y = 0) => svg("path", { d: markerPaths[seriesStyles[index].marker], class: `series-${index} symbol`, transform: `translate(${x} ${y})` });
@@ -23,29 +37,43 @@ function seriesKey(index) {
 }
 
 const waiting = [], printWidth = 680; // px, about what a page holds
+const charts = new Map(); // of the page: box to {draw, width it was drawn at}
+let printing = false;
 
-/** A box that is drawn at its width: once it is in the page (see drawWaiting), when that changes, and for print. */
+function redrawChart(box, width = box.clientWidth) {
+  const chart = charts.get(box);
+  if (!chart || !width || width === chart.width) return;
+  chart.width = width;
+  attempt("A chart", () => box.replaceChildren(...chart.draw(width)));
+}
+
+const widths = new ResizeObserver((entries) => requestAnimationFrame(() => !printing && entries.forEach(({ target }) => redrawChart(target))));
+for (const [event, before] of [["beforeprint", true], ["afterprint", false]])
+  addEventListener(event, () => {
+    printing = before;
+    for (const box of charts.keys()) redrawChart(box, before ? printWidth : undefined);
+  });
+
+/** A box that is drawn at its width: once it is in the page (see drawWaiting), when that changes, and for print; until it is discarded. */
 function responsive(draw) {
   const box = element("div", { class: "chart" });
-  let drawn = 0;
-  const redraw = (width = box.clientWidth) => {
-    drawn = width;
-    if (drawn) box.replaceChildren(...draw(drawn));
-  };
-  waiting.push(redraw);
-  new ResizeObserver(() => requestAnimationFrame(() => !printing && box.clientWidth !== drawn && attempt("A chart", redraw))).observe(box);
-  addEventListener("beforeprint", () => box.isConnected && attempt("A chart", () => redraw(printWidth)));
-  addEventListener("afterprint", () => box.isConnected && attempt("A chart", redraw));
+  charts.set(box, { draw, width: 0 });
+  widths.observe(box);
+  waiting.push(() => redrawChart(box));
   return box;
 }
 
-let printing = false;
-addEventListener("beforeprint", () => (printing = true));
-addEventListener("afterprint", () => (printing = false));
+/** Lets go of the charts in a part of the page that is about to be replaced. */
+function discardCharts(part) {
+  for (const box of part.querySelectorAll(".chart")) {
+    widths.unobserve(box);
+    charts.delete(box);
+  }
+}
 
 /** Draws what was waiting for its place in the page. */
 function drawWaiting() {
-  for (const redraw of waiting.splice(0)) attempt("A chart", redraw);
+  for (const draw of waiting.splice(0)) attempt("A part of the page", draw);
 }
 
 const linear = (low, high) => ({ low, high, to: (v) => (v - low) / (high - low || 1), ticks: (wanted) => ticksBetween(low, high, wanted) });
@@ -71,9 +99,9 @@ function spread(labels, gap, low, high) {
 
 /**
  * A line chart. x, y: axes as made by linear, symlog or logarithmic, with `title`; series: {name, style, points: [[x, y]], every (markers), direct (label)};
- * guides: {x or y, name}; show: value of y as text; stop: x as text.
+ * guides: {x or y, name}; show: value of y as text; stop: x as text; valueAt: the value of a series, given by its points, at a place along x.
  */
-function lineChart({ label, height, x, y, series, guides = [], show, stop }) {
+function lineChart({ label, height, x, y, series, guides = [], show, stop, valueAt = (points, here) => points.find((p) => p[0] === here)?.[1] }) {
   const readout = element("div", { class: "tip", hidden: true, role: "status" });
   const stops = [...new Set(series.flatMap((s) => s.points.map((p) => p[0])))].sort((a, b) => a - b);
   return responsive((width) => {
@@ -115,10 +143,7 @@ function lineChart({ label, height, x, y, series, guides = [], show, stop }) {
       const here = stops[at], where = px(here);
       line.setAttribute("d", `M${where} ${box.top}V${box.bottom}`);
       line.setAttribute("visibility", "visible");
-      readout.replaceChildren(element("b", {}, stop(here)), ...series.map((s) => {
-        const value = s.points.find((p) => p[0] === here)?.[1];
-        return element("span", {}, seriesKey(s.style), `${s.name} `, element("b", {}, show(value)));
-      }));
+      readout.replaceChildren(element("b", {}, stop(here)), ...series.map((s) => element("span", {}, seriesKey(s.style), `${s.name} `, element("b", {}, show(valueAt(s.points, here))))));
       readout.hidden = false;
       readout.style.left = `${Math.min(Math.max(where + 12, 0), width - readout.offsetWidth - 4)}px`;
       if (where + 12 + readout.offsetWidth > width) readout.style.left = `${Math.max(where - 12 - readout.offsetWidth, 0)}px`;

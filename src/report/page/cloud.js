@@ -6,7 +6,8 @@ class Cloud {
     this.rest = Float32Array.from(rest, (v, i) => nodes.origin_mm[i % 3] + v * scale);
     this.u = Float32Array.from(moved, (v) => v * scale);
     const size = Float32Array.from({ length: n }, (_, i) => Math.hypot(...this.u.subarray(3 * i, 3 * i + 3))), largest = size.reduce((a, b) => Math.max(a, b), 0) || 1;
-    this.label = nodes.label ? fromBase64(nodes.label) : null;
+    this.label = nodes.label && nodes.labels ? fromBase64(nodes.label) : null; // 0, or 1 + index of the number
+    this.numbers = [0, ...(nodes.labels ?? [])];
     this.fields = [{ name: "Displacement |u|", unit: "mm", low: 0, high: largest, at: (i) => size[i] / largest },
       ...(nodes.scalars ?? []).map((scalar) => ({ ...scalar, bytes: fromBase64(scalar.data) })).map((scalar) => ({ ...scalar, at: (i) => scalar.bytes[i] / 255 }))];
     const ends = [0, 1, 2].map((a) => {
@@ -64,8 +65,9 @@ class Cloud {
   }
 
   key() {
-    if (this.shown === "label") return element("div", { class: "legend" }, [...new Set(this.label)].sort((a, b) => a - b).map((label) => swatch(labelColour(label), label ? String(label) : "Soft tissue")));
-    return colourBar({ ...this.fields[Number(this.shown)], stops: viridis });
+    if (this.shown === "label") return element("div", { class: "legend" }, this.numbers.map((number, i) => swatch(labelColour(i), number ? String(number) : "Soft tissue")));
+    const field = this.fields[Number(this.shown)];
+    return colourBar({ ...field, openEnd: field.open_end, stops: viridis });
   }
 
   redraw() {
@@ -86,7 +88,7 @@ class Cloud {
     Object.assign(canvas, { width, height });
     const pen = canvas.getContext("2d"), image = pen.createImageData(width, height), pixels = new Uint32Array(image.data.buffer), depth = new Float32Array(width * height).fill(Infinity);
     const scale = (0.59 * Math.min(1.35 * width, height)) / this.radius, [right, down, away] = this.axes(), full = Math.max(1, Math.round(1.4 * dpr));
-    const field = this.fields[Number(this.shown)], table = Array.from({ length: 256 }, (_, i) => (field ? mapped(viridis, i / 255) : channels(labelColour(i))));
+    const field = this.fields[Number(this.shown)], table = field ? Array.from({ length: 256 }, (_, i) => mapped(viridis, i / 255)) : this.numbers.map((_, i) => channels(labelColour(i)));
     const { rest, u, label, deformed, centre: [cx, cy, cz] } = this;
     for (let i = 0; i < this.n; ++i) {
       if (this.bonesOnly && !label[i]) continue;
@@ -126,10 +128,10 @@ class Cloud {
   }
 }
 
-/** A colour of its own for every rigid label; grey for soft tissue. */
-function labelColour(label) {
-  if (!label) return "#8a949e";
-  const hue = (label * 137.508) % 360, part = (n) => {
+/** A colour of its own for every rigid label, by its place among them from 1; grey for soft tissue, 0. */
+function labelColour(place) {
+  if (!place) return "#8a949e";
+  const hue = (place * 137.508) % 360, part = (n) => {
     const k = (n + hue / 30) % 12;
     return Math.round(255 * (0.58 - 0.34 * Math.max(-1, Math.min(k - 3, 9 - k, 1)))).toString(16).padStart(2, "0");
   };

@@ -30,7 +30,7 @@ async function main() {
   const short = { edges: "Edges", contours: "Outlines", reference: "Reference", field: "Field", motions: "Motions", time: "Time", inputs: "Inputs", reading: "How to read" };
   document.getElementById("contents").append(...[...content.querySelectorAll("section")].map((s) => element("a", { href: `#${s.id}` }, short[s.id] ?? s.querySelector("h2").textContent)));
   document.getElementById("tools").append(themeButton(), button("Print", () => print(), { class: "small print" }));
-  document.getElementById("foot").textContent = `${report.program} · ${report.created}`;
+  document.getElementById("foot").textContent = [report.program, report.created].filter(Boolean).join(" · ");
   drawWaiting();
   if (viewer) await viewer.set({}, true);
   await Promise.all([...content.querySelectorAll("img")].map((picture) => picture.decode().catch(() => showProblem("Figures", new Error(`“${picture.alt}” cannot be decoded`)))));

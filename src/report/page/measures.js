@@ -12,6 +12,7 @@ function edgesSection(report) {
     const series = candidates.map((c) => ({ name: c.name, style: seriesIndex(report.candidates, c.id), every: 10, direct: true, points: (report.edges[c.id][key] ?? []).map((mm, i) => [i + 1, mm]) }));
     const high = Math.max(1, ...series.flatMap((s) => s.points.map((p) => p[1])).filter(known)), y = state.log ? symlog(high * 1.1) : linear(0, high * 1.05);
     const percents = first.percent?.every(known) ? first.percent : [60, 75, 85, 95];
+    discardCharts(place);
     place.replaceChildren(
       lineChart({ label: `Hausdorff distance over percentile, ${state.all ? "all" : "consistent"} edges`, height: 380, x: { ...linear(0, 100), title: "Percentile of edge voxels [%]", marks: [0, 20, 40, ...percents, 100] },
         y: { ...y, title: `Hausdorff distance [mm], ${state.all ? "all edges" : "consistent edges"}` }, series,
@@ -20,9 +21,9 @@ function edgesSection(report) {
       dataTable(`Percentile Hausdorff distance [mm] of ${state.all ? "all" : "consistent"} edges, and shares of edges`, [
         { name: "", text: true, show: (c) => [seriesKey(seriesIndex(report.candidates, c.id)), ` ${c.name}`] },
         ...percents.map((p, i) => ({ name: `${p} %`, group: "Hausdorff distance [mm] at percentile", show: (c) => decimals(report.edges[c.id][at]?.[i]) })),
-        { name: "Modified Hausdorff", unit: "mm", title: "Mean distance of each set to the other, the larger of the two", show: (c) => decimals(report.edges[c.id].modified_hausdorff_mm) },
-        { name: "Consistent", group: "Within two voxels", show: (c) => percent(report.edges[c.id].within_two_voxels) },
-        { name: "All edges", group: "Within two voxels", show: (c) => percent(report.edges[c.id].within_two_voxels_all_edges) },
+        { name: "Modified Hausdorff", unit: "mm", group: "All edges", title: "Mean distance of all edges to those of the other image, where more than 10 mm count as 10 mm; the larger of the two directions", show: (c) => decimals(report.edges[c.id].modified_hausdorff_mm) },
+        { name: "Within two voxels", group: "All edges", show: (c) => percent(report.edges[c.id].within_two_voxels_all_edges) },
+        { name: "Within two voxels", group: "Consistent edges", show: (c) => percent(report.edges[c.id].within_two_voxels) },
         { name: "Fixed", group: "Share that is consistent", show: (c) => percent(report.edges[c.id].consistent_fraction?.[0]) },
         { name: "Other", group: "Share that is consistent", show: (c) => percent(report.edges[c.id].consistent_fraction?.[1]) },
       ], candidates));
@@ -51,7 +52,7 @@ function landmarksSection(report) {
   });
   const columns = [["Mean", "mean_mm"], ["Median", "median_mm"], ["95 %", "percentile_95_mm"], ["Largest", "max_mm"]];
   const chart = series.length ? lineChart({ label: "Share of landmarks within a distance", height: 280, series, x: { ...symlog(Math.max(1, ...series.map((s) => s.points.at(-1)[0])) * 1.05, 0.2), title: "Distance [mm], logarithmic above 0.2" }, y: { ...linear(0, 100), title: "Landmarks within the distance [%]" },
-    show: (share) => (known(share) ? `${decimals(share, 0)} %` : "–"), stop: (mm) => `${decimals(mm)} mm` }) : null;
+    show: (share) => (known(share) ? `${decimals(share, 0)} %` : "–"), stop: (mm) => `${decimals(mm)} mm`, valueAt: (points, mm) => points.findLast((p) => p[0] <= mm)?.[1] }) : null;
   return section("landmarks", "Landmarks", element("div", { class: chart ? "halves" : "" }, dataTable("Distances between corresponding landmarks [mm]", [
     { name: "", text: true, show: (c) => [seriesKey(seriesIndex(report.candidates, c.id)), ` ${c.name}`] },
     { name: "Points", show: (c) => count(report.landmarks[c.id].points) },
@@ -84,7 +85,7 @@ const largestGoodDeviation = 0.5; // mm rms: more is warned of by the program, t
 /** Whether a label follows its rigid motion. */
 const deviationMark = (rms) => (!known(rms) ? null : rms > largestGoodDeviation ? mark("check", "Look at this one") : mark("good", "Rigid"));
 
-/** Distances between the outlines of organs, the larger of both directions. */
+/** Distances between the outlines of organs, the larger of both directions, and what has no distance. */
 function contoursSection(report) {
   const names = Object.keys(report.contours ?? {}), candidates = (report.candidates ?? []).filter((c) => names.some((name) => report.contours[name][c.id]));
   if (!candidates.length) return null;
@@ -96,6 +97,7 @@ function contoursSection(report) {
     { name: "", text: true, show: (row) => row.name },
     { name: "", text: true, show: (row) => [seriesKey(seriesIndex(report.candidates, row.candidate.id)), ` ${row.candidate.name}`] },
     ...[["Mean", "mean_mm"], ["Median", "median_mm"], ["95 %", "percentile_95_mm"], ["Largest", "max_mm"]].map(([name, key]) => ({ name, unit: "mm", show: (row) => decimals(larger(row.name, row.candidate, key)) })),
+    ...[["Fixed", "from_fixed"], ["Other", "to_fixed"]].map(([name, direction]) => ({ name, group: "Voxels without a counterpart", title: "Contour voxels in slices where the other image shows nothing of the organ: distances leave them out", show: (row) => count(report.contours[row.name][row.candidate.id]?.[direction]?.unmatched_voxels) })),
   ], names.flatMap((name) => candidates.map((candidate) => ({ name, candidate })))));
 }
 

@@ -10,13 +10,16 @@ function mixedLayer(v, plane, first, second, slice, mix) {
   return [pixels, true];
 }
 
-/** Magenta where det J is not positive: the transform folds. */
+/** Magenta where det J is not positive: the transform folds. Null when it does not, as its data say by beginning above 0. */
 function foldedLayer(v, plane, slice) {
-  const volume = v.volumes.jacobian, table = Uint32Array.from({ length: 256 }, (_, byte) => (byte && volume.value(byte) <= 0 ? packed(...channels(folded)) : 0));
+  const volume = v.volumes.jacobian;
+  if (volume.data.low >= 0) return null;
+  const table = Uint32Array.from({ length: 256 }, (_, byte) => (byte && volume.value(byte) <= 0 ? packed(...channels(folded)) : 0));
   return [slicePixels(plane, volume, slice, table), false];
 }
 
-const scalarLegend = (volume, extra, range = colourRange(volume.data), openBoth = false) => colourBar({ ...range, name: volume.name, unit: volume.data.unit, openEnd: volume.data.open_end || openBoth, openStart: openBoth, extra });
+const scalarLegend = (volume, extra, range = colourRange(volume.data), openBoth = false) =>
+  colourBar({ ...range, name: volume.name, unit: volume.data.unit, openEnd: volume.data.open_end || openBoth, openStart: (volume.data.open_start && range.low > 0) || openBoth, extra });
 const ratioRange = (v) => ({ low: 1 - v.ratio, high: 1 + v.ratio, stops: blueWhiteOrange });
 const opacityControl = (v) => slider("Opacity", { min: 0, max: 1, step: 0.05, value: v.opacity, show: (o) => `${Math.round(100 * o)} %` }, (o) => v.set({ opacity: o }));
 const candidateControl = (v) => (v.candidates.length > 1 ? segmented("Compare with", v.candidates.map((c) => [c.id, c.name]), v.candidate, (id) => v.set({ candidate: id }), true) : null);
@@ -73,7 +76,7 @@ const modes = {
     controls: (v) => [
       candidateControl(v),
       element("span", { class: "field" },
-        button(v.playing ? "Pause" : "Play", () => v.set({ playing: !v.playing }, true), { "aria-pressed": String(v.playing) }),
+        button(v.playing ? "Pause" : "Play", () => v.set({ playing: !v.playing }, true)),
         button("Switch image", () => v.set({ playing: false, flickered: !v.flickered }, true))),
       choice("Changes per second", [[0.5, "0.5"], [1, "1"], [2, "2"]], v.rate, (rate) => v.set({ rate: Number(rate) })),
     ],

@@ -23,8 +23,9 @@ function readings(v) {
   const point = v.positions[v.space.id], voxel = v.voxel(), entries = [["Position (LPS)", `${point.map((p) => decimals(p, 1)).join(", ")} mm`]];
   for (const volume of Object.values(v.volumes)) {
     if (!volume.voxels || volume.data.kind === "bits" || volume.data.space !== v.space.id) continue;
-    const value = volume.value(volume.byteAt(voxel)), { kind, unit, high, open_end: open } = volume.data;
-    entries.push([volume.name, value === null ? "–" : `${open && value >= high ? "≥ " : ""}${decimals(value, kind === "grey" ? 0 : 2)} ${volume.id === "jacobian" ? "" : unit ?? ""}`.trim()]);
+    const value = volume.value(volume.byteAt(voxel)), { kind, unit, low, high, open_start: below, open_end: above } = volume.data;
+    const beyond = above && value >= high ? "≥ " : below && value <= low ? "≤ " : "";
+    entries.push([volume.name, value === null ? "–" : `${beyond}${decimals(value, kind === "grey" ? 0 : 2)} ${volume.id === "jacobian" ? "" : unit ?? ""}`.trim()]);
   }
   const vector = v.space.id === "fixed" ? v.arrows?.between(point) : null;
   if (vector) entries.push(["v (to the moving image)", `${vector.map((c) => decimals(c, 1)).join(", ")} mm`]);

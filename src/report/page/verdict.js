@@ -21,6 +21,9 @@ function titleSection(report) {
 
 const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
 
+/** Columns for `count` cards where two to five fit side by side: as many rows as needed, filled evenly. */
+const evenRows = (count) => [2, 3, 4, 5].map((fit) => `--of-${fit}:${Math.ceil(count / Math.ceil(count / fit))}`).join(";");
+
 /** The verdict: one sentence, what it rests on, and warnings. */
 function verdictSection(report) {
   const { level, headline, items = [] } = report.verdict;
@@ -29,6 +32,6 @@ function verdictSection(report) {
     element("p", { class: "card-value" }, item.value), item.compared ? element("p", { class: "card-compared" }, item.compared) : null, item.detail ? element("p", { class: "card-detail" }, item.detail) : null));
   const warnings = report.warnings ?? [];
   return section("verdict", "Verdict", element("div", { class: `headline ${level}` }, mark(level), element("p", {}, headline)),
-    cards.length ? element("ul", { class: "cards" }, cards) : null,
+    cards.length ? element("ul", { class: "cards", style: evenRows(cards.length) }, cards) : null,
     warnings.length ? element("div", { class: "notice check" }, element("h3", {}, mark("check", warnings.length > 1 ? `${warnings.length} warnings` : "Warning")), element("ul", {}, warnings.map((text) => element("li", {}, text)))) : null);
 }
