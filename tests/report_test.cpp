@@ -229,7 +229,7 @@ Json ratio_of(float gradient) {
       for (int i = 8; i < 16; ++i) field.at(i, j, k) = {gradient * float(i - 8), 0, 0};
   ReportView view;
   view.add_space("fixed", view_grid(grid, 1000000));
-  add_field(view, field, Mask(grid, 1));
+  add_field(view, field, Mask(grid, 1), volume_ratio(field, Mask(grid, 1)));
   return view.json()["volumes"][1];
 }
 
@@ -342,7 +342,7 @@ TEST(Verdict, SaysWhatIsWorseThanRigidOrThanNothing) {
   facts["landmarks"]["mtled"]["mean_mm"] = 7;
   Json v = verdict_of(facts);
   EXPECT_EQ(v["level"], "check");
-  EXPECT_EQ((*item(v, "Landmark error, mean"))["detail"], "Worse than the rigid registration.");
+  EXPECT_EQ((*item(v, "Landmark error, mean"))["detail"], "Worse than: rigid.");
   facts["landmarks"]["mtled"]["mean_mm"] = 12;
   v = verdict_of(facts);
   EXPECT_EQ(v["level"], "bad");

@@ -52,16 +52,19 @@ void judge(const Json& facts, const Judged& j, const Figure& figure, Json& items
   const auto value = figure(last);
   if (!value) return;
   const double sign = j.better[0] == 'm' ? 1 : -1;
-  std::string compared, level = "good", detail;
+  std::string compared, better;
+  bool worse_than_nothing = false;
   for (std::size_t c = 0; c + 1 < candidates.size(); ++c) {
     const std::string id = candidates[c]["id"];
     const auto other = figure(id);
     if (!other) continue;
     compared += concatenate(compared.empty() ? "" : ", ", text(j.factor * *other, j.digits, j.unit), " ", id);
     if (sign * (*value - *other) >= -j.noise) continue;
-    level = id == "before" ? "bad" : level == "good" ? "check" : level;
-    detail = id == "before" ? "Worse than doing nothing." : detail.empty() ? "Worse than the " + id + " registration." : detail;
+    if (id == "before") worse_than_nothing = true;
+    else better += (better.empty() ? "" : ", ") + id;
   }
+  const std::string level = worse_than_nothing ? "bad" : better.empty() ? "good" : "check";
+  const std::string detail = worse_than_nothing ? "Worse than doing nothing." : better.empty() ? "" : "Worse than: " + better + ".";
   Json item{{"level", compared.empty() ? "info" : level}, {"label", j.label}, {"value", text(j.factor * *value, j.digits, j.unit)}};
   if (!compared.empty()) item["compared"] = compared;
   if (!detail.empty()) item["detail"] = detail;

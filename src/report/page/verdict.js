@@ -5,10 +5,10 @@ const named = (input, parts) => element("span", { class: "file", title: input.pa
 /** What was registered with what, or evaluated against what. */
 function titleSection(report) {
   const fixed = inputOf(report, "fixed image", "fixed"), moving = inputOf(report, "moving image", "moving"), judged = inputOf(report, "warped image", "warped", "result", "transform");
-  const first = report.kind === "register" ? moving : judged ?? moving;
+  const first = moving ?? judged;
   const parts = first && fixed && shortPath(first.path) === shortPath(fixed.path) ? 2 : 1;
   const heading = first && fixed
-    ? [named(first, parts), element("span", { class: "joining" }, report.kind === "register" ? " brought onto " : " judged against "), named(fixed, parts)]
+    ? [named(first, parts), element("span", { class: "joining" }, first === moving ? " brought onto " : " judged against "), named(fixed, parts)]
     : [report.kind === "register" ? "Registration" : "Evaluation of a registration"];
   const images = (report.inputs ?? []).filter((input) => /image|transform|^(fixed|moving|warped)$/i.test(input.role));
   document.title = `${first && fixed ? `${shortPath(first.path, parts)} – ${shortPath(fixed.path, parts)}` : heading[0]} · mtled`;
