@@ -4,6 +4,7 @@
 
 #include "evaluation_report.hpp"
 #include "imaging/figures.hpp"
+#include "imaging/morphology.hpp"
 #include "pipeline.hpp"
 #include "report.hpp"
 
@@ -108,8 +109,6 @@ Json report_facts(const EvaluateOptions& options, const Image& fixed, const std:
 
 /// Prints a warning and keeps it in the report.
 void note(Json& report, const std::string& text);
-/// Voxels that are not 0.
-std::size_t count(const Mask& mask);
 Mask intersection(Mask a, const Mask& b);
 
 }  // namespace mtled

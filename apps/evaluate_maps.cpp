@@ -63,8 +63,6 @@ void note(Json& report, const std::string& text) {
   report["warnings"].push_back(text);
 }
 
-std::size_t count(const Mask& mask) { return std::size_t(std::count_if(mask.data.begin(), mask.data.end(), [](auto v) { return v != 0; })); }
-
 Mask intersection(Mask a, const Mask& b) {
   for (std::size_t v = 0; v < a.data.size(); ++v) a.data[v] = a.data[v] && b.data[v];
   return a;
