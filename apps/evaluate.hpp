@@ -4,6 +4,7 @@
 
 #include "evaluation_report.hpp"
 #include "imaging/figures.hpp"
+#include "imaging/morphology.hpp"
 #include "pipeline.hpp"
 #include "report.hpp"
 
@@ -110,8 +111,6 @@ ReportView view_of(const Image& fixed, const std::optional<Image>& moving, const
 /// The facts of the report: evaluation.json, the files that were read, and the figure of the reference.
 Json report_facts(const EvaluateOptions& options, const Image& fixed, const std::optional<Image>& moving, const std::vector<Other>& others, const std::optional<ReferenceComparison>& reference, const Json& evaluation);
 
-/// Voxels that are not 0.
-std::size_t count(const Mask& mask);
 Mask intersection(Mask a, const Mask& b);
 
 }  // namespace mtled

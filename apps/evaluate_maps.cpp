@@ -58,7 +58,6 @@ bool inverse_fits_images(const Image& all_fixed, const Image& moving, const Mask
 
 }  // namespace
 
-std::size_t count(const Mask& mask) { return std::size_t(std::count_if(mask.data.begin(), mask.data.end(), [](auto v) { return v != 0; })); }
 
 Mask intersection(Mask a, const Mask& b) {
   for (std::size_t v = 0; v < a.data.size(); ++v) a.data[v] = a.data[v] && b.data[v];

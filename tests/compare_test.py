@@ -14,6 +14,8 @@ PROGRAM = sys.argv.pop(1)
 SCRIPT = pathlib.Path(__file__).resolve().parent.parent / "scripts" / "compare.py"
 SIZE, SPACING = (40, 34, 32), 4.0  # voxels, mm
 SHIFT = 8.0  # mm to the left of the upper vertebra, and of all that lies at its height
+LEAST_DICE = 0.95  # of the vertebrae after mechanics; 1.000 was measured
+MOST_LEFT = 0.5  # of the mean distance of the landmarks after mechanics, which knows the vertebrae alone; 0.49 was measured
 ROWS = ["none", "rigid", "B-spline", "mechanics", "mechanics then B-spline"]
 
 
@@ -99,8 +101,8 @@ class Compare(unittest.TestCase):
                 self.assertEqual(row["folded voxels"], str(field["jacobian"]["folded_voxels"]))
         self.assertEqual(table["none"]["max"], f"{SHIFT:.2f}")  # two landmarks move by all of it
         self.assertEqual(table["none"]["landmarks: mean mm"], f"{SHIFT / 2:.2f}")
-        self.assertGreater(float(table["mechanics"]["Dice (mean)"]), 0.95)
-        self.assertLess(float(table["mechanics"]["landmarks: mean mm"]), 0.5 * SHIFT / 2)
+        self.assertGreater(float(table["mechanics"]["Dice (mean)"]), LEAST_DICE)
+        self.assertLess(float(table["mechanics"]["landmarks: mean mm"]), MOST_LEFT * SHIFT / 2)
         self.assertEqual((self.folder / "out" / "percentiles.png").exists(), importlib.util.find_spec("matplotlib") is not None)
         commands = (self.folder / "out" / "comparison.md").read_text()
         self.assertEqual(sum(commands.count(verb) for verb in ("mtled register", "mtled baseline", "mtled evaluate")), 5)

@@ -15,6 +15,7 @@ namespace mtled {
 namespace {
 
 constexpr double rounding_mm = 1e-9;
+constexpr double least_dice = 0.95;  ///< with the masks of another program; 0.977 and 0.980 were measured
 
 Grid make_grid(std::array<int, 3> size, Vec3d spacing, const Mat3d& direction = Mat3d::identity()) {
   Grid grid;
@@ -150,7 +151,7 @@ TEST(Lungs, AreThoseOfTheLungPair) {
     for (std::size_t v = 0; v < lungs.data.size(); ++v) both += lungs.data[v] && other.data[v];
     const double dice = 2 * double(both) / double(count(lungs) + count(other));
     std::printf("%s: Dice %.4f\n", session.c_str(), dice);
-    EXPECT_GT(dice, 0.95);
+    EXPECT_GT(dice, least_dice);
   }
 }
 

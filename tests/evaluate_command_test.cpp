@@ -511,6 +511,8 @@ TEST_F(Evaluate, LandmarksOfTheLungPair) {
 
 /// A simulated MR image warped by a known field along y.
 TEST_F(Evaluate, KnownFieldOfBrainWeb) {
+  constexpr double least_correlation = 0.99, most_correlation_before = 0.8;  // 0.9979 (0.9977 by the inverse) and 0.743 were measured
+  constexpr double least_edges = 0.99, most_edges_before = 0.9;              // within two voxels; 0.9988 and 0.888 were measured
   const char* shared = std::getenv("MTLED_SHARED_DATA");
   const fs::path data = fs::path(shared ? shared : "") / "brainweb_known_field";
   if (!shared || !fs::exists(data / "field_yLPS_4mm.nii.gz")) GTEST_SKIP() << "MTLED_SHARED_DATA does not name a folder with brainweb_known_field";
@@ -521,17 +523,17 @@ TEST_F(Evaluate, KnownFieldOfBrainWeb) {
   const std::string original = (data / "t1_2mm.nii.gz").string(), warped = (data / "t1_warped_2mm.nii.gz").string();
   const Json right = report({"-f", warped, "-m", original, "-t", file("field.nrrd"), "--reference-transform", file("field.nrrd"), "--canny-lower", "3", "--canny-upper", "8"});
   EXPECT_FALSE(right["direction"]["reversed_fits_better"]) << right["direction"];
-  EXPECT_GT(right["correlation"]["after"], 0.99);
-  EXPECT_LT(right["correlation"]["before"], 0.8);
-  EXPECT_GT(right["edges"]["after"]["within_two_voxels_all_edges"], 0.99);
+  EXPECT_GT(right["correlation"]["after"], least_correlation);
+  EXPECT_LT(right["correlation"]["before"], most_correlation_before);
+  EXPECT_GT(right["edges"]["after"]["within_two_voxels_all_edges"], least_edges);
   EXPECT_EQ(right["field"]["jacobian"]["folded_voxels"], 0);
-  EXPECT_LT(right["edges"]["before"]["within_two_voxels_all_edges"], 0.9);
+  EXPECT_LT(right["edges"]["before"]["within_two_voxels_all_edges"], most_edges_before);
   EXPECT_EQ(right["field_difference"]["max_mm"], 0);
   // With the images exchanged the field points the other way: wrong, and right when it is given as what it is.
   const Json wrong = report({"-f", original, "-m", warped, "-t", file("field.nrrd")});
   EXPECT_TRUE(wrong["direction"]["reversed_fits_better"]) << wrong["direction"];
   EXPECT_NE(said.find("wrong direction"), std::string::npos);
-  EXPECT_GT(report({"-f", original, "-m", warped, "--inverse-transform", file("field.nrrd")})["correlation"]["after"], 0.99);
+  EXPECT_GT(report({"-f", original, "-m", warped, "--inverse-transform", file("field.nrrd")})["correlation"]["after"], least_correlation);
   // The same of the inverse field and the images as they are.
   const DenseField inverse = inverted(read_transform(file("field.nrrd"), "field"), field.grid, field.grid);
   write_vector_image(file("inverse.nrrd"), inverse.displacement);

@@ -2,12 +2,14 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "core/error.hpp"
 #include "core/motion.hpp"
 #include "imaging/drawing.hpp"
 #include "imaging/slices.hpp"
+#include "imaging/some_values.hpp"
 
 namespace mtled {
 namespace {
@@ -283,6 +285,26 @@ TEST(DisplayWindow, IsSoftTissueForCtAndPercentilesOtherwise) {
   EXPECT_NEAR(display_window(image).high, 198, 1);
   std::fill(image.data.begin(), image.data.end(), 7);
   EXPECT_LT(display_window(image).low, display_window(image).high);
+}
+
+TEST(SomeValues, AreOfAllColumnsOfALargeImage) {
+  Grid grid;
+  grid.size = {40, 100, 1975};  // 200000 values of it would be every 40th
+  Image image(grid);
+  for (std::size_t v = 0; v < image.data.size(); ++v) image.data[v] = v % 40 == 7 ? NAN : float(v % 40);
+  const std::vector<float> values = some_values(image);
+  EXPECT_LE(values.size(), 200000u);
+  const double per_column = double(image.data.size()) / 41 / 40;  // every 41st is taken
+  for (int i = 0; i < 40; ++i) EXPECT_NEAR(std::count(values.begin(), values.end(), float(i)), i == 7 ? 0 : per_column, 1) << i;
+}
+
+TEST(DisplayWindow, OfALargeImageWithFewBrightVoxelsShowsThem) {
+  Grid grid;
+  grid.size = {101, 100, 100};
+  Image image(grid, 2);
+  image.data[1] = 7;  // not among those that are taken
+  EXPECT_EQ(display_window(image).low, 2);
+  EXPECT_EQ(display_window(image).high, 7);
 }
 
 TEST(Drawing, TextLeavesInkOfItsColorAndUnknownCharactersAreMarked) {

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <itkRecursiveGaussianImageFilter.h>
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 
@@ -10,6 +11,10 @@
 
 namespace mtled {
 namespace {
+
+/// Of the largest derivative: each of three passes rounds to single precision, by up to 6e-8, and sums by another compiler or
+/// ITK may fall on the other side. With ITK 5.2 and GCC 12 the difference is 0; with fused multiplication it was 4e-11.
+constexpr double float_rounding = 1e-6;
 
 Image noise(std::array<int, 3> size) {
   Grid grid;
@@ -42,18 +47,25 @@ std::vector<float> derivative_of_itk(const Image& image, double sigma_mm, int ax
 
 std::vector<float> values(const std::unique_ptr<float[]>& volume, const Grid& grid) { return {volume.get(), volume.get() + grid.count()}; }
 
-TEST(GaussianGradient, IsThatOfItkToTheLastBit) {
+double largest_size(const std::vector<float>& values) {
+  const auto [low, high] = std::minmax_element(values.begin(), values.end());
+  return std::max(std::abs(*low), std::abs(*high));
+}
+
+TEST(GaussianGradient, IsThatOfItk) {
   for (const std::array<int, 3>& size : {std::array{37, 20, 18}, std::array{16, 4, 5}, std::array{5, 33, 1}}) {
     const Image image = noise(size);
     for (const double sigma_mm : {0.7, 2.0, 6.0}) {
       const Gradient g = gaussian_gradient(image, sigma_mm);
       for (int a = 0; a < 3; ++a)
         if (size[std::size_t(a)] >= 4) {
-          EXPECT_EQ(values(g.along[a], image.grid), derivative_of_itk(image, sigma_mm, a)) << size[0] << " voxels, " << sigma_mm << " mm, axis " << a;
+          const std::vector<float> expected = derivative_of_itk(image, sigma_mm, a);
+          const double bound = float_rounding * largest_size(expected);
+          for (std::size_t v = 0; v < expected.size(); ++v) ASSERT_NEAR(g.along[a][v], expected[v], bound) << size[0] << " voxels, " << sigma_mm << " mm, axis " << a;
         }
       for (std::size_t v = 0; v < image.data.size(); ++v) {
         const float x = g.along[0][v], y = g.along[1][v], z = g.along[2][v];
-        ASSERT_EQ(g.magnitude[v], std::sqrt(x * x + y * y + z * z));
+        ASSERT_FLOAT_EQ(g.magnitude[v], std::sqrt(x * x + y * y + z * z));
       }
     }
   }

@@ -1,7 +1,10 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <type_traits>
 
 #include "core/error.hpp"
+#include "core/parallel.hpp"
 #include "imaging/evaluation.hpp"
 #include "imaging/gaussian_gradient.hpp"
 #include "imaging/same_grid.hpp"

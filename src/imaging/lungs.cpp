@@ -7,12 +7,6 @@ namespace {
 
 constexpr double smallest_piece = 0.02;  ///< of the largest one
 
-std::size_t count(const Mask& mask) {
-  std::size_t sum = 0;
-  for (const auto v : mask.data) sum += v != 0;
-  return sum;
-}
-
 /// The largest 6-connected components, as long as they have a fiftieth of the voxels of the first.
 Mask large_components(Mask mask) {
   Mask kept(mask.grid);

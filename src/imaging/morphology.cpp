@@ -75,6 +75,8 @@ void consume(Mask& where, std::size_t seed, int frozen_axis, std::vector<std::si
 
 }  // namespace
 
+std::size_t count(const Mask& mask) { return std::size_t(std::count_if(mask.data.begin(), mask.data.end(), [](auto v) { return v != 0; })); }
+
 Mask dilate(const Mask& mask, double radius_mm) { return within(mask, true, radius_mm); }
 
 Mask erode(const Mask& mask, double radius_mm) {

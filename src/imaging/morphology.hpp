@@ -3,6 +3,9 @@
 
 namespace mtled {
 
+/// How many voxels are not 0.
+std::size_t count(const Mask& mask);
+
 /// Voxels whose centre lies within `radius_mm` of the centre of a voxel of `mask` (a ball in mm; exact). Linear in the
 /// number of voxels times the radius in voxels, unlike a structuring element.
 Mask dilate(const Mask& mask, double radius_mm);

@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <vector>
 
 #include "imaging/percentile.hpp"
+#include "imaging/some_values.hpp"
 
 namespace mtled {
 namespace {
@@ -76,10 +78,9 @@ Vec3d middle(const Grid& image) {
 Window display_window(const Image& image) {
   const auto [smallest, largest] = std::minmax_element(image.data.begin(), image.data.end());
   if (*smallest < -500 && *largest > 100) return {-160, 240};
-  std::vector<float> foreground;
-  for (const float value : image.data)
-    if (value > *smallest) foreground.push_back(value);
-  if (foreground.empty()) return {*smallest - 0.5, *smallest + 0.5};
+  if (*smallest == *largest) return {*smallest - 0.5, *smallest + 0.5};
+  std::vector<float> foreground = some_values(image);
+  std::erase(foreground, *smallest);
   const Window window{percentile(foreground, 1), percentile(foreground, 98)};
   return window.high > window.low ? window : Window{*smallest, *largest};
 }

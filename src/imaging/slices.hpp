@@ -22,7 +22,8 @@ struct Window {
   double low = 0, high = 1;
 };
 /// Soft tissue (-160 to 240 HU) where the image has CT's range (air below -500 and something above 100); otherwise the
-/// 1st and 98th percentile of the voxels above the smallest value (which is background in skull-stripped images).
+/// 1st and 98th percentile of the voxels above the smallest value (which is background in skull-stripped images),
+/// of large images of some voxels (see some_values()).
 Window display_window(const Image& image);
 
 }  // namespace mtled

@@ -31,6 +31,19 @@ LabelImage nearest_labels(const LabelImage& labels, const Grid& grid, const Posi
   return result;
 }
 
+/// True when a voxel of `grid` lies in `other`.
+bool reaches_into(const Grid& grid, const Grid& other) {
+  for (int k = 0; k < grid.size[2]; ++k)
+    for (int j = 0; j < grid.size[1]; ++j)
+      for (int i = 0; i < grid.size[0]; ++i) {
+        const Vec3d c = other.index(grid.point(i, j, k));
+        bool inside = true;
+        for (int a = 0; a < 3; ++a) inside = inside && c[a] >= -0.5 && c[a] < other.size[std::size_t(a)] - 0.5;
+        if (inside) return true;
+      }
+  return false;
+}
+
 /// y + v(y) at the voxels of a displacement field.
 auto displaced_position(const VectorImage& field) {
   return [&field](int i, int j, int k, std::size_t voxel) {
@@ -118,20 +131,11 @@ Image resample(const Image& image, const Vec3d& spacing_mm) {
 }
 
 LabelImage resample_labels(const LabelImage& labels, const Grid& grid) {
-  LabelImage result(grid);
-  Mask inside(grid);
-  for_each_voxel(grid, [&](int i, int j, int k, std::size_t voxel) {
-    const Vec3d c = labels.grid.index(grid.point(i, j, k));
-    for (int a = 0; a < 3; ++a)
-      if (!(c[a] >= -0.5 && c[a] < labels.grid.size[a] - 0.5)) return;
-    inside.data[voxel] = 1;
-    result.data[voxel] = nearest_value<std::uint16_t>(labels, grid.point(i, j, k), 0);
-  });
   const Vec3d p = labels.grid.origin, q = grid.origin;
-  require(std::any_of(inside.data.begin(), inside.data.end(), [](auto in) { return in != 0; }),
+  require(reaches_into(grid, labels.grid),
           "the label image and the image it belongs to do not overlap in space (origins ", p.x, " ", p.y, " ", p.z,
           " and ", q.x, " ", q.y, " ", q.z, " mm); check that the labels were drawn on this image");
-  return result;
+  return labels_at(labels, grid);
 }
 
 }  // namespace mtled

@@ -5,6 +5,8 @@
 #include <cstdio>  // before jpeglib.h, which needs FILE
 #include <jpeglib.h>
 
+#include <algorithm>
+#include <cstdlib>
 #include <memory>
 
 #include "core/error.hpp"

@@ -8,23 +8,14 @@
 #include "core/parallel.hpp"
 #include "imaging/percentile.hpp"
 #include "imaging/slices.hpp"
+#include "imaging/some_values.hpp"
 
 namespace mtled {
 namespace {
 
 constexpr std::size_t most_arrows = 40000;
-constexpr std::size_t most_values = 200000;  ///< of an image, for percentiles
 constexpr double smallest_ratio = 0.01;  ///< that is stored where nothing folds: 0 and less are for folds
 constexpr float unknown = std::numeric_limits<float>::quiet_NaN();
-
-/// Every n-th value that is a number.
-std::vector<float> some_values(const Image& image) {
-  std::vector<float> values;
-  const std::size_t step = 1 + image.data.size() / most_values;
-  for (std::size_t v = 0; v < image.data.size(); v += step)
-    if (!std::isnan(image.data[v])) values.push_back(image.data[v]);
-  return values;
-}
 
 /// 1, 2 or 5 times a power of ten, at least `value`.
 double round_number_above(double value) {
