@@ -47,17 +47,16 @@ GreyScale grey_scale_of(const Image& image) {
 void ReportView::add_image(const std::string& id, const std::string& name, const std::string& space, const Image& image, const GreyScale& scale) {
   Json windows = Json::array();
   for (const auto& w : scale.windows) windows.push_back({{"name", w.name}, {"low", w.low}, {"high", w.high}});
-  volumes_.push_back({{"id", id}, {"name", name}, {"space", space}, {"kind", "grey"}, {"low", scale.range.low}, {"high", scale.range.high}, {"unit", scale.unit}, {"windows", windows},
-                      {"mosaic", mosaic_as_jpeg(grey_bytes(image, view(space), scale.range))}});
+  volumes_.push_back({{{"id", id}, {"name", name}, {"space", space}, {"kind", "grey"}, {"low", scale.range.low}, {"high", scale.range.high}, {"unit", scale.unit}, {"windows", windows}}, grey_bytes(image, view(space), scale.range), false});
 }
 
 void ReportView::add_numbers(const ColorScale& scale, const std::string& space, const Image& values, const Mask* lowest) {
   ByteVolume bytes = scalar_bytes(values, view(space), scale.range);
   if (lowest) set_lowest(bytes, *lowest);
   Json j{{"id", scale.id}, {"name", scale.name}, {"space", space}, {"kind", "scalar"}, {"low", scale.range.low}, {"high", scale.range.high}, {"unit", scale.unit},
-         {"map", scale.diverging ? "diverging" : "sequential"}, {"open_start", scale.open_start}, {"open_end", scale.open_end}, {"mosaic", mosaic_as_png(bytes)}};
+         {"map", scale.diverging ? "diverging" : "sequential"}, {"open_start", scale.open_start}, {"open_end", scale.open_end}};
   if (scale.diverging) j["middle"] = scale.middle;
-  volumes_.push_back(j);
+  volumes_.push_back({std::move(j), std::move(bytes), true});
 }
 
 void ReportView::add_edges(const std::string& id, const Mask& edges) {
@@ -76,8 +75,14 @@ void ReportView::set_arrows(const VectorImage& displacement, const Mask& known) 
 Json ReportView::json() const {
   Json j;
   for (const auto& [name, grid] : views_) j["spaces"][name] = describe_view(grid);
-  j["volumes"] = volumes_;
-  if (!edges_.data.empty()) j["volumes"].push_back({{"id", "edges"}, {"space", "fixed"}, {"kind", "bits"}, {"bits", edge_bits_}, {"mosaic", mosaic_as_png(edges_)}});
+  std::vector<Json> descriptions;
+  std::vector<const Volume*> volumes;
+  const Volume edges{{{"id", "edges"}, {"space", "fixed"}, {"kind", "bits"}, {"bits", edge_bits_}}, edges_, true};
+  for (const Volume& volume : volumes_) volumes.push_back(&volume);
+  if (!edges_.data.empty()) volumes.push_back(&edges);
+  for (const Volume* volume : volumes) descriptions.push_back(volume->description);
+  parallel_for(volumes.size(), [&](std::size_t v) { descriptions[v]["mosaic"] = volumes[v]->exact ? mosaic_as_png(volumes[v]->bytes) : mosaic_as_jpeg(volumes[v]->bytes); }, 1);
+  j["volumes"] = descriptions;
   if (!arrows_.is_null()) j["arrows"] = arrows_;
   return j;
 }

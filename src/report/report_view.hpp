@@ -1,5 +1,6 @@
 #pragma once
 #include <map>
+#include <vector>
 
 #include "report/view.hpp"
 
@@ -41,11 +42,18 @@ class ReportView {
   void add_edges(const std::string& id, const Mask& edges);
   /// v(y) in the space of the fixed image [mm].
   void set_arrows(const VectorImage& displacement, const Mask& known);
+  /// Packs all pictures, several at a time.
   Json json() const;
 
  private:
+  struct Volume {
+    Json description;
+    ByteVolume bytes;
+    bool exact;  ///< without loss
+  };
   std::map<std::string, Grid> views_;
-  Json volumes_ = Json::array(), arrows_, edge_bits_ = Json::object();
+  std::vector<Volume> volumes_;
+  Json arrows_, edge_bits_ = Json::object();
   ByteVolume edges_;
 };
 
