@@ -60,7 +60,7 @@ const modes = {
     ],
     legend(v) {
       const palette = edgePalettes[v.colourSafe ? "safe" : "papers"], registered = v.edgeSets.filter((id) => edgeRole(id) === "registered" && v.edgesShown.has(id));
-      const names = { fixed: "Fixed image (target)", before: "Moving image before (source)", rigid: "Rigidly registered", registered: registered.map((id) => v.nameOf(id)).join(", ") + " (registered)" };
+      const names = { fixed: "Fixed image (target)", before: "Moving image before (source)", rigid: "Rigidly registered", registered: registered.map((id) => v.nameOf(id)).join(", ").replace(/^(?!Registered$).*/, "$& (registered)") };
       const roles = ["before", "fixed", "rigid", "registered"].filter((role) => v.edgeSets.some((id) => edgeRole(id) === role && v.edgesShown.has(id)));
       const met = roles.includes("fixed") && roles.some((role) => ["rigid", "registered"].includes(role));
       return element("div", { class: "legend" }, roles.map((role) => swatch(palette[role], names[role])), met ? swatch(palette.coincide, "Registered and fixed coincide") : null);
