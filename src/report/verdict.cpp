@@ -116,10 +116,10 @@ void judge_direction(const Json& facts, Json& items) {
 
 Json verdict_of(const Json& facts) {
   Json items = Json::array();
+  judge_direction(facts, items);  // first: it explains the rest
   judge(facts, {"Edges within two voxels", "more", 1, 100, " %", 0.002}, [&](const std::string& c) { return number_at(facts, "edges", c, "within_two_voxels_all_edges"); }, items);
   judge(facts, {"Landmark error, mean", "less", 2, 1, " mm", 0.01}, [&](const std::string& c) { return number_at(facts, "landmarks", c, "mean_mm"); }, items);
   judge(facts, {"Label overlap, mean Dice", "more", 3, 1, "", 0.002}, [&](const std::string& c) { return mean_dice(facts, c); }, items);
-  judge_direction(facts, items);
   judge_folds(facts, items);
   judge_bones(facts, items);
   judge_solver(facts, items);
