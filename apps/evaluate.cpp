@@ -116,7 +116,8 @@ void run(CLI::App& verb, EvaluateOptions& options) {
   announce(options, "evaluating");
   const CannyOptions& canny = options.evaluation.canny;
   Json report;
-  report["settings"] = {{"canny_sigma_mm", canny.sigma_mm}, {"canny_lower_per_mm", canny.lower_threshold}, {"canny_upper_per_mm", canny.upper_threshold}, {"edges", options.slices ? "2-D, slice by slice along k" : "3-D"}};
+  const EdgeSpace space = options.slices ? EdgeSpace::slices : EdgeSpace::volume;
+  report["settings"] = describe(canny, space);
   report["warnings"] = Json::array();
 
   Mask where = mask;
@@ -153,7 +154,7 @@ void run(CLI::App& verb, EvaluateOptions& options) {
   std::optional<ReportView> view;
   if (options.report) view = view_of(fixed, moving, others, warped, maps, region, where), times.lap("report");
   if (!candidates.empty())
-    report["edges"] = compare_edges_of(fixed, candidates, canny, where, moving ? &moving->grid : nullptr, options.slices ? EdgeSpace::slices : EdgeSpace::volume, report,
+    report["edges"] = compare_edges_of(fixed, candidates, canny, where, moving ? &moving->grid : nullptr, space, report,
                                        [&](const std::string& name, const Mask& edges) { if (view) view->add_edges(name, edges); });
   times.lap("edges");
   report_labels(labels, others, maps, report);

@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <charconv>
-#include <cmath>
 #include <cstdio>
 
 #include "core/error.hpp"
@@ -24,8 +23,7 @@ Mask lungs_of(const Image& image, const std::string& name) {
 }
 
 Json describe(const ContourDistance& d) {
-  const auto number = [](double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); };
-  return {{"voxels", d.voxels}, {"unmatched_voxels", d.unmatched}, {"mean_mm", number(d.mean)}, {"median_mm", number(d.median)}, {"percentile_95_mm", number(d.percentile_95)}, {"max_mm", number(d.maximum)}};
+  return {{"voxels", d.voxels}, {"unmatched_voxels", d.unmatched}, {"mean_mm", number_or_null(d.mean)}, {"median_mm", number_or_null(d.median)}, {"percentile_95_mm", number_or_null(d.percentile_95)}, {"max_mm", number_or_null(d.maximum)}};
 }
 
 std::string image_of(const std::string& candidate) { return candidate == "before" ? "moving" : candidate == "after" ? "warped" : candidate; }
@@ -108,7 +106,7 @@ std::string contour_table(const Json& contours) {
       for (const char* direction : directions) {
         const Json& d = c[direction];
         table += concatenate(name, ",", candidate, ",", direction, ",", d["voxels"].get<std::size_t>(), ",", d["unmatched_voxels"].get<std::size_t>());
-        for (const char* key : distances) table += d[key].is_null() ? "," : concatenate(",", d[key].get<double>());
+        for (const char* key : distances) table += next_cell(d[key]);
         table += "\n";
       }
   return table;

@@ -9,13 +9,12 @@ constexpr double report_margin_mm = 20;  ///< around what is compared
 }  // namespace
 
 ReportView view_of(const Image& fixed, const std::optional<Image>& moving, const std::vector<Other>& others, const std::optional<Image>& warped, const Maps& maps, const FieldRegion& region, const Mask& where) {
-  ReportView view;
+  ReportView view(grey_scale_of(fixed));
   view.add_space("fixed", view_grid(fixed.grid, report_voxels, &where, report_margin_mm));
-  const GreyScale scale = grey_scale_of(fixed);
-  view.add_image("fixed", "Fixed image", "fixed", fixed, scale);
-  if (moving) view.add_image("before", "Moving image, as it was", "fixed", *moving, scale);
-  for (const Other& other : others) view.add_image(other.name, "Moving image, " + other.name, "fixed", other.warped, scale);
-  if (warped) view.add_image("after", "Moving image, registered", "fixed", *warped, scale);
+  view.add_image("fixed", "Fixed image", "fixed", fixed);
+  if (moving) view.add_image("before", "Moving image, as it was", "fixed", *moving);
+  for (const Other& other : others) view.add_image(other.name, "Moving image, " + other.name, "fixed", other.warped);
+  if (warped) view.add_image("after", "Moving image, registered", "fixed", *warped);
   if (maps.field) add_field(view, maps.field->displacement, region.counted, region.ratio);
   return view;
 }

@@ -20,9 +20,11 @@ void note(Json& report, const std::string& text) {
   report["warnings"].push_back(text);
 }
 
-namespace {
-
 Json number_or_null(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
+
+std::string next_cell(const Json& value) { return value.is_null() ? "," : concatenate(",", value.get<double>()); }
+
+namespace {
 
 /// A number, or a dash for null, right-aligned.
 void print_cell(const Json& value, double factor, int width, int digits, const char* unit = "") {
@@ -30,10 +32,11 @@ void print_cell(const Json& value, double factor, int width, int digits, const c
   else std::printf(" %*.*f%s", width, digits, factor * value.get<double>(), unit);
 }
 
-/// A comma and a number, or nothing for null.
-std::string next_cell(const Json& value) { return value.is_null() ? "," : concatenate(",", value.get<double>()); }
-
 }  // namespace
+
+Json describe(const CannyOptions& canny, EdgeSpace space) {
+  return {{"canny_sigma_mm", canny.sigma_mm}, {"canny_lower_per_mm", canny.lower_threshold}, {"canny_upper_per_mm", canny.upper_threshold}, {"edges", space == EdgeSpace::slices ? "2-D, slice by slice along k" : "3-D"}};
+}
 
 Json describe(const EdgeDistance& d) {
   Json j{{"edge_voxels", {d.edges_a, d.edges_b}}, {"unmatched_voxels", {d.unmatched_a, d.unmatched_b}}, {"two_voxels_mm", d.two_voxels_mm}};
@@ -83,8 +86,7 @@ Json compare_edges_of(const Image& fixed, const std::vector<NamedImage>& candida
   const auto find_edges = space == EdgeSpace::slices ? canny_edges_of_slices : canny_edges;
   const Mask edges = find_edges(fixed, canny, &where);
   if (seen) seen("fixed", edges);
-  const auto largest_spacing = [&](const Grid& g) { return std::max({g.spacing.x, g.spacing.y, space == EdgeSpace::slices ? 0 : g.spacing.z}); };
-  const double largest_voxel = largest_spacing(fixed.grid), source_voxel = source ? largest_spacing(*source) : 0;
+  const double largest_voxel = largest_spacing(fixed.grid, space), source_voxel = source ? largest_spacing(*source, space) : 0;
   Json j = Json::object();
   for (const NamedImage& c : candidates) {
     const Mask of_candidate = find_edges(*c.image, canny, &where);

@@ -18,6 +18,12 @@ void add_evaluation_options(CLI::App& verb, EvaluationOptions& options);
 /// Prints a warning and adds it to report["warnings"].
 void note(Json& report, const std::string& text);
 
+/// Null for what is no number.
+Json number_or_null(double value);
+/// A comma and a number for a table, or a comma alone for null.
+std::string next_cell(const Json& value);
+
+Json describe(const CannyOptions& canny, EdgeSpace space);
 /// Null for what has no value: distances without edges, of labels without voxels.
 Json describe(const EdgeDistance& d);
 Json describe(const JacobianStatistics& s);

@@ -93,7 +93,7 @@ void evaluate(const RegisterOptions& options, const ImagePair& pair, const Tissu
   write_png(options.output / "overlay.png", overlay_figure(pair.fixed, {{"before", &before}, {"rigid registration", &rigidly}, {"mtled", &warped}}));
   report["edges"] = compare_edges_of(pair.fixed, {{"before", &before}, {"rigid", &rigidly}, {"mtled", &warped}}, options.evaluation.canny, fixed_region, &pair.moving.grid, EdgeSpace::volume, report,
                                      [&](const std::string& name, const Mask& edges) { if (view) view->add_edges(name, edges); });
-  if (view) view->add_image("rigid", "Moving image, rigidly registered", "fixed", rigidly, grey_scale_of(pair.fixed));
+  if (view) view->add_image("rigid", "Moving image, rigidly registered", "fixed", rigidly);
   if (!landmarks.moving.empty()) report_landmarks(landmarks, rigid, warp_points(landmarks.moving, deformation.function(), forward.displacement), report);
   if (loads.fixed_labels) {
     report["labels"]["before"] = describe(label_overlap(resample_labels(loads.labels, pair.fixed.grid), *loads.fixed_labels));
@@ -140,14 +140,13 @@ Fields fields_of(const RegisterOptions& options, const ImagePair& pair, const De
 
 /// What the report shows of images, tissue and field; `ratio`: volume_ratio() of the inverse one.
 ReportView view_of(const ImagePair& pair, const Tissue& tissue, const Fields& fields, const Image& ratio) {
-  ReportView view;
+  ReportView view(grey_scale_of(pair.fixed));
   view.add_space("fixed", view_grid(pair.fixed.grid, report_voxels, &fields.inverse.covered, report_margin_mm));
   view.add_space("moving", view_grid(pair.moving.grid, report_voxels, &tissue.body, report_margin_mm));
-  const GreyScale scale = grey_scale_of(pair.fixed);
-  view.add_image("fixed", "Fixed image", "fixed", pair.fixed, scale);
-  view.add_image("before", "Moving image, as it was", "fixed", pair.moving, scale);
-  view.add_image("mtled", "Moving image, registered", "fixed", fields.warped, scale);
-  view.add_image("moving", "Moving image", "moving", pair.moving, scale);
+  view.add_image("fixed", "Fixed image", "fixed", pair.fixed);
+  view.add_image("before", "Moving image, as it was", "fixed", pair.moving);
+  view.add_image("mtled", "Moving image, registered", "fixed", fields.warped);
+  view.add_image("moving", "Moving image", "moving", pair.moving);
   Image modulus = tissue.shear_modulus;
   for (float& value : modulus.data)
     if (!(value > 0)) value = std::nanf("");
@@ -162,8 +161,7 @@ Json report_facts(const CLI::App& verb, const ImagePair& pair, const RegisterOpt
   facts["inputs"] = Json::array();
   for (const auto& [role, input] : manifest["inputs"].items())
     list_input(facts["inputs"], role_of(role), input["path"], role == "moving" ? &pair.moving.grid : role == "fixed" ? &pair.fixed.grid : nullptr, input["md5"]);
-  const CannyOptions& canny = options.evaluation.canny;
-  facts["edge_settings"] = {{"canny_sigma_mm", canny.sigma_mm}, {"canny_lower_per_mm", canny.lower_threshold}, {"canny_upper_per_mm", canny.upper_threshold}, {"edges", "3-D"}};
+  facts["edge_settings"] = describe(options.evaluation.canny, EdgeSpace::volume);
   return facts;
 }
 

@@ -121,10 +121,6 @@ double count_below(const std::vector<double>& a, const std::vector<double>& b, d
   return double(std::count_if(a.begin(), a.end(), below) + std::count_if(b.begin(), b.end(), below));
 }
 
-double largest_spacing(const Grid& grid, EdgeSpace space) {
-  return std::max({grid.spacing.x, grid.spacing.y, space == EdgeSpace::slices ? 0 : grid.spacing.z});
-}
-
 /// Percentiles 1 to 100, max of both directions.
 std::vector<double> percentile_curve(std::vector<double> a, std::vector<double> b) {
   tbb::parallel_sort(a);
@@ -135,6 +131,8 @@ std::vector<double> percentile_curve(std::vector<double> a, std::vector<double> 
 }
 
 }  // namespace
+
+double largest_spacing(const Grid& grid, EdgeSpace space) { return std::max({grid.spacing.x, grid.spacing.y, space == EdgeSpace::slices ? 0 : grid.spacing.z}); }
 
 EdgeDistance compare_edges(const Mask& edges_a, const Mask& edges_b, double round_trip_mm, EdgeSpace space, double source_voxel_mm) {
   require(round_trip_mm >= 0, "round-trip distance is ", round_trip_mm, " mm; give zero or a positive distance");

@@ -46,6 +46,8 @@ struct EdgeDistance {
 /// Where the nearest edge is looked for: anywhere, or in the same slice along k. Edges of a slice are those of
 /// canny_edges_of_slices(); two voxels are then twice the larger spacing within the slice.
 enum class EdgeSpace { volume, slices };
+/// Of a voxel along the axes in which edges are looked for [mm].
+double largest_spacing(const Grid& grid, EdgeSpace space);
 
 /// `round_trip_mm`: x is consistent when nearest_a(nearest_b(x)) lies within it, or x itself is as near; of equally near
 /// edges always the same one is taken. The grids may differ (which takes longer), but not by slices. When a set is empty,

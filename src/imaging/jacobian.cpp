@@ -134,9 +134,10 @@ JacobianStatistics jacobian_statistics(const VectorImage& displacement, const Ma
   return result;
 }
 
-Mask folded_voxels(const VectorImage& displacement, const Mask& where) {
-  const Image ratio = volume_ratio(displacement, where);
-  Mask folded(where.grid);
+Mask folded_voxels(const VectorImage& displacement, const Mask& where) { return folded_voxels(volume_ratio(displacement, where)); }
+
+Mask folded_voxels(const Image& ratio) {
+  Mask folded(ratio.grid);
   for (std::size_t v = 0; v < folded.data.size(); ++v) folded.data[v] = ratio.data[v] <= 0;
   return folded;
 }

@@ -86,6 +86,8 @@ JacobianStatistics jacobian_statistics(const VectorImage& displacement, const Ma
 Image volume_ratio(const VectorImage& displacement, const Mask& where);
 /// 1 at the voxels that count as folded there; both on the same grid.
 Mask folded_voxels(const VectorImage& displacement, const Mask& where);
+/// The same where volume_ratio() is known already.
+Mask folded_voxels(const Image& ratio);
 
 /// Linear resampling over exactly the same extent, with the voxel spacing nearest to `spacing_mm` that divides it.
 Image resample(const Image& image, const Vec3d& spacing_mm);

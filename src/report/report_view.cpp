@@ -6,9 +6,11 @@
 
 #include "core/error.hpp"
 #include "core/parallel.hpp"
+#include "imaging/morphology.hpp"
 #include "imaging/percentile.hpp"
 #include "imaging/slices.hpp"
 #include "imaging/some_values.hpp"
+#include "imaging/warp.hpp"
 
 namespace mtled {
 namespace {
@@ -44,10 +46,10 @@ GreyScale grey_scale_of(const Image& image) {
   return {{low, high > low ? high : low + 1}, "", {{"Standard", window.low, window.high}, {"All", low, high}}};
 }
 
-void ReportView::add_image(const std::string& id, const std::string& name, const std::string& space, const Image& image, const GreyScale& scale) {
+void ReportView::add_image(const std::string& id, const std::string& name, const std::string& space, const Image& image) {
   Json windows = Json::array();
-  for (const auto& w : scale.windows) windows.push_back({{"name", w.name}, {"low", w.low}, {"high", w.high}});
-  volumes_.push_back({{{"id", id}, {"name", name}, {"space", space}, {"kind", "grey"}, {"low", scale.range.low}, {"high", scale.range.high}, {"unit", scale.unit}, {"windows", windows}}, grey_bytes(image, view(space), scale.range), false});
+  for (const auto& w : scale_.windows) windows.push_back({{"name", w.name}, {"low", w.low}, {"high", w.high}});
+  volumes_.push_back({{{"id", id}, {"name", name}, {"space", space}, {"kind", "grey"}, {"low", scale_.range.low}, {"high", scale_.range.high}, {"unit", scale_.unit}, {"windows", windows}}, grey_bytes(image, view(space), scale_.range), false});
 }
 
 void ReportView::add_numbers(const ColorScale& scale, const std::string& space, const Image& values, const Mask* lowest) {
@@ -105,10 +107,8 @@ void add_field(ReportView& view, const VectorImage& displacement, const Mask& kn
     view.add_numbers({"displacement", "Displacement", "mm", {0, largest > 0 ? double(largest) : 1}}, "fixed", size);
   }
   view.set_arrows(displacement, known);
-  Mask folded(ratio.grid);
-  bool any = false;
-  for (std::size_t v = 0; v < ratio.data.size(); ++v)
-    if (ratio.data[v] <= 0) folded.data[v] = 1, any = true;
+  const Mask folded = folded_voxels(ratio);
+  const bool any = count(folded) > 0;
   view.add_numbers(scale_of_ratio(ratio, any), "fixed", ratio, any ? &folded : nullptr);
 }
 

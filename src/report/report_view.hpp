@@ -1,5 +1,6 @@
 #pragma once
 #include <map>
+#include <utility>
 #include <vector>
 
 #include "report/view.hpp"
@@ -33,9 +34,11 @@ struct ColorScale {
 /// description of its JSON is in docs/report.md.
 class ReportView {
  public:
+  /// `scale`: of all grey images.
+  explicit ReportView(GreyScale scale = {}) : scale_(std::move(scale)) {}
   void add_space(const std::string& space, const Grid& view) { views_[space] = view; }
   const Grid& view(const std::string& space) const { return views_.at(space); }
-  void add_image(const std::string& id, const std::string& name, const std::string& space, const Image& image, const GreyScale& scale);
+  void add_image(const std::string& id, const std::string& name, const std::string& space, const Image& image);
   /// `lowest`: voxels that get the lowest value, whatever is beside them; may be null.
   void add_numbers(const ColorScale& scale, const std::string& space, const Image& values, const Mask* lowest = nullptr);
   /// Edge voxels of up to eight images in the space of the fixed one.
@@ -51,6 +54,7 @@ class ReportView {
     ByteVolume bytes;
     bool exact;  ///< without loss
   };
+  GreyScale scale_;
   std::map<std::string, Grid> views_;
   std::vector<Volume> volumes_;
   Json arrows_, edge_bits_ = Json::object();
